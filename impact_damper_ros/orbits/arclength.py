@@ -9,99 +9,103 @@ functions of special points there: the component of the tangent along the parame
 
 where P is the derivative of the state over a period and C(P) its second compound matrix, whose
 eigenvalues are the products of two multipliers.
+
+A special point is where one of them, or whether the rig can perform the motion, changes between
+two points; it is sought in the planes across the chord between these.
 """
 
 from __future__ import annotations
 
-from math import copysign, inf
-from typing import Any, NamedTuple
+from math import copysign, inf, sqrt
+from typing import Any
 
 from impact_damper_ros.motion.compiled import kernel
 
 from .closed_flights import (
+    FRAME,
     GUESS,
     LENGTH,
+    MARKS,
     NORMAL,
+    PLACE,
+    RIG,
+    SIDE,
     TANGENT,
+    UNITS,
     Problem,
+    coordinates,
     newton,
     set_rig,
     vary,
     write_monodromy,
     write_tangent,
 )
+from .impact_equations import find_starts, set_laws, write_linear_system, write_velocities
 from .viability import judge
 
 #: What is noted of a solution: its residual, relative to the displacements; the number of free
 #: coordinates of its map of a period, 0 if that or the residual is too large; whether the rig can
-#: perform it; its largest |X|; and the test functions.
-RESIDUAL, SIZE, VIABLE, X_MAX, FOLD, DOUBLING, TORUS, BRANCHING = range(8)
-MARKS = 8
+#: perform it; its largest |X|; the test functions; and the map, row by row.
+RESIDUAL, SIZE, VIABLE, X_MAX, FOLD, DOUBLING, TORUS, BRANCHING, MAP = range(9)
+#: A row of a trace, that is a point of a curve: the same; which test function is zero there, or
+#: `ORDINARY`, `BETWEEN` two such points, or `BEYOND` one where the rig no longer performs the
+#: motion; where it is along the chord; the parameter on both sides of the zero, and whether that
+#: is located; then the unknowns with the parameter, and the unit tangent.
+KIND, SHARE, NEARER, FARTHER, CONVERGED, COORDINATES = range(24, 30)
+ORDINARY, BETWEEN, BEYOND = 0, 1, -1
+#: Rows of a trace that are needed to find the special points between two others.
+SPARE = 24
 #: Residual of a point of a curve that is small enough, and the largest one.
 ENOUGH, MOST = 1e-15, 1e-11
 #: How far the tangent may turn in a step, how a step grows, and the least one over the largest.
 SHARPEST_TURN, GROWTH, LEAST_STEP = 0.95, 1.4, 1e-7
+#: Error of a special point, as a share of the chord.
+LOCATED = 1e-9
+_MOST_LOOKS = 100
 #: Why steps end: there is no more room, the ends of the range, no motion nearby, and a motion that
 #: the rig cannot perform.
 ROOM, LOW_END, HIGH_END, LOST, NOT_VIABLE = range(5)
 #: What `compute` does.
-SOLVE, CORRECT, GO_ON = range(3)
-
-
-class Trace(NamedTuple):
-    """
-    Points of a curve, row by row.
-
-    Attributes
-    ----------
-    places, tangents : array, shape (rows, m + 1)
-        Their places, and the unit tangents there.
-    marks : array, shape (rows, MARKS)
-        What is known of them.
-    step : array, shape (2,)
-        The present step, and the largest one.
-    """
-
-    places: Any
-    tangents: Any
-    marks: Any
-    step: Any
+SOLVE, CORRECT, GO_ON, LOCATE, FIND_STARTS, LINEAR_SYSTEM = range(6)
 
 
 @kernel
-def determinant(frame: Any, count: int) -> float:
-    """Return the determinant of a matrix, which is overwritten."""
+def determinant(sheet: Any, first: int, count: int) -> float:
+    """Return the determinant of a matrix that begins in a row, which is overwritten."""
     product = 1.0
     for k in range(count):
         pivot = k
         for i in range(k + 1, count):
-            if abs(frame[i, k]) > abs(frame[pivot, k]):
+            if abs(sheet[first + i, k]) > abs(sheet[first + pivot, k]):
                 pivot = i
-        if frame[pivot, k] == 0.0:
+        if sheet[first + pivot, k] == 0.0:
             return 0.0
         if pivot != k:
             product = -product
             for c in range(k, count):
-                frame[k, c], frame[pivot, c] = frame[pivot, c], frame[k, c]
-        product *= frame[k, k]
+                upper = sheet[first + k, c]
+                sheet[first + k, c] = sheet[first + pivot, c]
+                sheet[first + pivot, c] = upper
+        product *= sheet[first + k, k]
         for i in range(k + 1, count):
-            factor = frame[i, k] / frame[k, k]
+            factor = sheet[first + i, k] / sheet[first + k, k]
             for c in range(k + 1, count):
-                frame[i, c] -= factor * frame[k, c]
+                sheet[first + i, c] -= factor * sheet[first + k, c]
     return product
 
 
 @kernel
-def shifted_determinant(frames: Any, size: int, sign: float) -> float:
+def shifted_determinant(sheet: Any, size: int, sign: float) -> float:
     """Return det(1 + sign P) of the map in the first frame."""
     for i in range(size):
         for k in range(size):
-            frames[1, i, k] = sign * frames[0, i, k] + (1.0 if i == k else 0.0)
-    return determinant(frames[1], size)
+            there = sign * sheet[FRAME + i, k]
+            sheet[FRAME + SIDE + i, k] = there + (1.0 if i == k else 0.0)
+    return determinant(sheet, FRAME + SIDE, size)
 
 
 @kernel
-def compound_determinant(frames: Any, size: int) -> float:
+def compound_determinant(sheet: Any, size: int) -> float:
     """Return det(1 - C(P)) of the map in the first frame."""
     row = 0
     for i in range(size):
@@ -109,123 +113,287 @@ def compound_determinant(frames: Any, size: int) -> float:
             column = 0
             for k in range(size):
                 for c in range(k + 1, size):
-                    minor = frames[0, i, k] * frames[0, j, c] - frames[0, i, c] * frames[0, j, k]
-                    frames[1, row, column] = (1.0 if row == column else 0.0) - minor
+                    minor = sheet[FRAME + i, k] * sheet[FRAME + j, c]
+                    minor -= sheet[FRAME + i, c] * sheet[FRAME + j, k]
+                    one = 1.0 if row == column else 0.0
+                    sheet[FRAME + SIDE + row, column] = one - minor
                     column += 1
             row += 1
-    return determinant(frames[1], row)
+    return determinant(sheet, FRAME + SIDE, row)
 
 
 @kernel
 def note_solution(problem: Problem, least: float, most: float) -> bool:
     """Note what is known of the solution at the place; return whether it is one."""
-    marks, frames = problem.marks, problem.frames
-    marks[RESIDUAL] = least
-    marks[SIZE] = 0.0
+    sheet = problem.sheet
+    sheet[MARKS, RESIDUAL] = least
+    sheet[MARKS, SIZE] = 0.0
     if not least <= most:
         return False
     size = write_monodromy(problem)
     total = 0.0
-    for i in range(size):
-        for k in range(size):
-            total += abs(frames[0, i, k])
+    for i in range(4):
+        for k in range(4):
+            inside = i < size and k < size
+            sheet[MARKS, MAP + 4 * i + k] = sheet[FRAME + i, k] if inside else 0.0
+            total += abs(sheet[MARKS, MAP + 4 * i + k])
     if not total < inf:
         return False
     viable, largest = judge(problem)
-    marks[SIZE] = size
-    marks[VIABLE] = 1.0 if viable else -1.0
-    marks[X_MAX] = largest
-    marks[DOUBLING] = shifted_determinant(frames, size, 1.0)
-    marks[TORUS] = compound_determinant(frames, size)
-    marks[BRANCHING] = shifted_determinant(frames, size, -1.0)
+    sheet[MARKS, SIZE] = size
+    sheet[MARKS, VIABLE] = 1.0 if viable else -1.0
+    sheet[MARKS, X_MAX] = largest
+    sheet[MARKS, DOUBLING] = shifted_determinant(sheet, size, 1.0)
+    sheet[MARKS, TORUS] = compound_determinant(sheet, size)
+    sheet[MARKS, BRANCHING] = shifted_determinant(sheet, size, -1.0)
     return True
 
 
 @kernel
 def solve_fixed(problem: Problem, enough: float, most: float) -> bool:
     """Solve the equations of a rig from the place; return whether that is a solution."""
-    set_rig(problem.moving.constants, problem.moving.lines, problem.rig)
     least = newton(problem, False, True, enough)
-    displaced = problem.units[LENGTH]
+    length = problem.sheet[UNITS, LENGTH]
+    displaced = length
     for j in range(len(problem.nodes)):
         displaced = max(displaced, abs(problem.table[j, 0]))
-    return note_solution(problem, least * problem.units[LENGTH] / displaced, most)
+    return note_solution(problem, least * length / displaced, most)
 
 
 @kernel
 def correct(problem: Problem, in_order: bool, enough: float) -> bool:
     """Solve the equations in the plane through `GUESS`; return whether that is a solution."""
-    for i in range(len(problem.place)):
-        problem.place[i] = problem.vectors[GUESS, i]
-    vary(problem, problem.place[len(problem.place) - 1])
+    sheet = problem.sheet
+    count = coordinates(problem)
+    for i in range(count):
+        sheet[PLACE, i] = sheet[GUESS, i]
+    vary(problem, sheet[PLACE, count - 1])
     least = newton(problem, True, in_order, enough)
     if not least <= MOST:
-        problem.marks[SIZE] = 0.0
+        sheet[MARKS, SIZE] = 0.0
         return False
     write_tangent(problem)
-    problem.marks[FOLD] = problem.vectors[TANGENT, len(problem.place) - 1]
+    sheet[MARKS, FOLD] = sheet[TANGENT, count - 1]
     return note_solution(problem, least, MOST)
 
 
 @kernel
-def product_of(one: Any, other: Any) -> float:
-    """Return the scalar product."""
+def write_point(problem: Problem, trace: Any, row: int) -> None:
+    """Write the present point of a curve into a trace."""
+    sheet = problem.sheet
+    count = coordinates(problem)
+    for i in range(KIND):
+        trace[row, i] = sheet[MARKS, i]
+    trace[row, KIND] = ORDINARY
+    for i in range(count):
+        trace[row, COORDINATES + i] = sheet[PLACE, i]
+        trace[row, COORDINATES + count + i] = sheet[TANGENT, i]
+
+
+@kernel
+def copy_point(trace: Any, row: int, other: int) -> None:
+    """Copy a row of a trace to another one."""
+    for i in range(trace.shape[1]):
+        trace[other, i] = trace[row, i]
+
+
+@kernel
+def turn_between(problem: Problem, trace: Any, row: int) -> float:
+    """Return the cosine between the tangents of a row and of the present point."""
     total = 0.0
-    for i in range(len(one)):
-        total += one[i] * other[i]
+    count = coordinates(problem)
+    for i in range(count):
+        total += trace[row, COORDINATES + count + i] * problem.sheet[TANGENT, i]
     return total
 
 
 @kernel
-def aim(problem: Problem, here: Any, tangent: Any, step: float) -> None:
-    """Let the plane be that across a tangent, a step ahead."""
-    for i in range(len(here)):
-        problem.vectors[GUESS, i] = here[i] + step * tangent[i]
-        problem.vectors[NORMAL, i] = tangent[i]
+def aim(problem: Problem, trace: Any, row: int, step: float) -> None:
+    """Let the plane be that across the tangent of a point, a step ahead."""
+    count = coordinates(problem)
+    for i in range(count):
+        slope = trace[row, COORDINATES + count + i]
+        problem.sheet[GUESS, i] = trace[row, COORDINATES + i] + step * slope
+        problem.sheet[NORMAL, i] = slope
 
 
 @kernel
-def aim_at_value(problem: Problem, here: Any, tangent: Any, value: float) -> None:
+def aim_at_value(problem: Problem, trace: Any, row: int, value: float) -> None:
     """Let the plane be that of a value of the parameter, where the tangent meets it."""
-    last = len(here) - 1
-    share = (value - here[last]) / tangent[last]
+    sheet = problem.sheet
+    count = coordinates(problem)
+    last = count - 1
+    slope = trace[row, COORDINATES + count + last]
+    share = (value - trace[row, COORDINATES + last]) / slope
     for i in range(last):
-        problem.vectors[GUESS, i] = here[i] + share * tangent[i]
-        problem.vectors[NORMAL, i] = 0.0
-    problem.vectors[GUESS, last] = value
-    problem.vectors[NORMAL, last] = copysign(1.0, tangent[last])
+        there = trace[row, COORDINATES + i]
+        sheet[GUESS, i] = there + share * trace[row, COORDINATES + count + i]
+        sheet[NORMAL, i] = 0.0
+    sheet[GUESS, last] = value
+    sheet[NORMAL, last] = copysign(1.0, slope)
+
+
+@kernel
+def aim_between(problem: Problem, trace: Any, row: int, end: int, share: float) -> None:
+    """Let the plane be across the chord from a point to another one, at a share of it."""
+    sheet = problem.sheet
+    count = coordinates(problem)
+    length = 0.0
+    for i in range(count):
+        way = trace[end, COORDINATES + i] - trace[row, COORDINATES + i]
+        sheet[NORMAL, i] = way
+        sheet[GUESS, i] = trace[row, COORDINATES + i] + share * way
+        length += way * way
+    for i in range(count):
+        sheet[NORMAL, i] /= sqrt(length)
+
+
+@kernel
+def next_share(
+    x_1: float, f_1: float, x_2: float, f_2: float, x_3: float, f_3: float, least: float
+) -> float:
+    """
+    Return how far from the latest of three places towards the second one a zero is looked for.
+
+    By inverse quadratic interpolation where that is safe, or half-way (Chandrupatla, 1997).
+    """
+    part = 0.5
+    if f_3 not in (f_1, f_2):
+        xi, phi = (x_1 - x_2) / (x_3 - x_2), (f_1 - f_2) / (f_3 - f_2)
+        if phi * phi < xi and (1.0 - phi) * (1.0 - phi) < 1.0 - xi:
+            part = f_1 / (f_2 - f_1) * f_3 / (f_2 - f_3)
+            part += (x_3 - x_1) / (x_2 - x_1) * f_1 / (f_3 - f_1) * f_2 / (f_3 - f_2)
+    return min(max(part, least), 1.0 - least)
+
+
+@kernel
+def locate(problem: Problem, trace: Any, row: int, test: int, in_order: bool, place: int) -> None:
+    """
+    Find where a test function changes sign between two points, into a row; what is beyond follows.
+
+    Both begin as these points, and come closer on either side of the zero.
+    """
+    sheet = problem.sheet
+    value = COORDINATES + coordinates(problem) - 1
+    near, far = place, place + 1
+    copy_point(trace, row, near)
+    copy_point(trace, row + 1, far)
+    trace[near, SHARE], trace[far, SHARE] = 0.0, 1.0
+    x_1, f_1, x_2, f_2 = 0.0, trace[row, test], 1.0, trace[row + 1, test]
+    side = f_1 > 0.0
+    part = 0.5
+    converged = 0.0
+    for _ in range(_MOST_LOOKS):
+        share = x_1 + part * (x_2 - x_1)
+        aim_between(problem, trace, row, row + 1, share)
+        if not correct(problem, in_order, ENOUGH):
+            break
+        there = sheet[MARKS, test]
+        reached = near if (there > 0.0) == side else far
+        write_point(problem, trace, reached)
+        trace[reached, SHARE] = share
+        x_3, f_3 = x_1, f_1
+        if (there > 0.0) != (f_1 > 0.0):
+            x_3, f_3, x_2, f_2 = x_2, f_2, x_1, f_1
+        x_1, f_1 = share, there
+        least = LOCATED / abs(x_2 - x_1)
+        if there == 0.0 or least > 0.5:
+            converged = 1.0
+            break
+        part = next_share(x_1, f_1, x_2, f_2, x_3, f_3, least)
+    nearer, farther = trace[near, value], trace[far, value]
+    swapped = abs(trace[far, test]) < abs(trace[near, test])
+    if test == VIABLE:
+        swapped = trace[far, VIABLE] > 0.0
+    if swapped:
+        for i in range(trace.shape[1]):
+            other = trace[near, i]
+            trace[near, i] = trace[far, i]
+            trace[far, i] = other
+    trace[near, KIND], trace[far, KIND] = test, BEYOND
+    trace[near, NEARER], trace[near, FARTHER] = nearer, farther
+    trace[near, CONVERGED] = converged
+
+
+@kernel
+def add_special_points(problem: Problem, trace: Any, row: int, in_order: bool) -> int:
+    """
+    Put the special points between a point and the next one between them; return its new row.
+
+    Between two of them, where the motion is of another kind than on both sides, is one more; and
+    that beyond the end of viability follows it.
+    """
+    last = len(trace) - SPARE
+    fold = trace[row, FOLD] * trace[row + 1, FOLD] < 0.0
+    count = 0
+    for test in range(VIABLE, BRANCHING + 1):
+        if test == X_MAX or not trace[row, test] * trace[row + 1, test] < 0.0:
+            continue
+        if test == BRANCHING and fold:
+            continue
+        locate(problem, trace, row, test, in_order, last + 2 * count)
+        count += 1
+    end = last + 2 * count
+    copy_point(trace, row + 1, end)
+    write = row + 1
+    before = -1.0
+    for _ in range(count):
+        first = last
+        for k in range(count):
+            if trace[last + 2 * k, SHARE] < trace[first, SHARE]:
+                first = last + 2 * k
+        share = trace[first, SHARE]
+        if before >= 0.0:
+            aim_between(problem, trace, row, end, 0.5 * (before + share))
+            if correct(problem, in_order, ENOUGH):
+                write_point(problem, trace, write)
+                trace[write, KIND] = BETWEEN
+                write += 1
+        before = share
+        copy_point(trace, first, write)
+        write += 1
+        if trace[first, KIND] == VIABLE:
+            copy_point(trace, first + 1, write)
+            write += 1
+        trace[first, SHARE] = inf
+    copy_point(trace, end, write)
+    return write
 
 
 @kernel
 def step_along(
-    problem: Problem, trace: Trace, in_order: bool, low: float, high: float
+    problem: Problem, trace: Any, in_order: bool, low: float, high: float
 ) -> tuple[int, int]:
     """
     Step along a curve from the first row of a trace on; return why it ends, and the last row.
 
     Where the curve is not kept in order, a motion that the rig cannot perform ends it, in the last
-    row.
+    row. The present and the largest step are in the last row of the trace, and whether special
+    points are added.
     """
-    step, largest = trace.step[0], trace.step[1]
-    last = len(problem.place) - 1
+    sheet = problem.sheet
+    count = coordinates(problem)
+    last = len(trace) - 1
+    step, largest = trace[last, 0], trace[last, 1]
+    adds = trace[last, 2] > 0.0
+    value = COORDINATES + count - 1
     row = 0
     ended = ROOM
-    while row + 1 < len(trace.places):
-        here, tangent = trace.places[row], trace.tangents[row]
-        ahead = here[last] + step * tangent[last]
+    while row + SPARE < len(trace) - SPARE:
+        ahead = trace[row, value] + step * trace[row, value + count]
         edge = ROOM
         found = False
         if ahead < low or ahead > high:
             edge = LOW_END if ahead < low else HIGH_END
-            aim_at_value(problem, here, tangent, low if ahead < low else high)
+            aim_at_value(problem, trace, row, low if ahead < low else high)
             found = correct(problem, in_order, ENOUGH)
-            found = found and product_of(problem.vectors[TANGENT], tangent) >= SHARPEST_TURN
+            found = found and turn_between(problem, trace, row) >= SHARPEST_TURN
         if not found:
             edge = ROOM
-            aim(problem, here, tangent, step)
+            aim(problem, trace, row, step)
             found = correct(problem, in_order, ENOUGH)
-            found = found and product_of(problem.vectors[TANGENT], tangent) >= SHARPEST_TURN
-            found = found and low <= problem.place[last] <= high
+            found = found and turn_between(problem, trace, row) >= SHARPEST_TURN
+            found = found and low <= sheet[PLACE, count - 1] <= high
         if not found:
             step *= 0.5
             if step < LEAST_STEP * largest:
@@ -233,42 +401,56 @@ def step_along(
                 break
             continue
         ahead = 0.0
-        for i in range(last + 1):
-            ahead += (problem.place[i] - here[i]) * tangent[i]
+        for i in range(count):
+            way = sheet[PLACE, i] - trace[row, COORDINATES + i]
+            ahead += way * trace[row, COORDINATES + count + i]
         if edge != ROOM and ahead < LEAST_STEP * largest:
             # It begins there
             ended = edge
             break
-        row += 1
-        for i in range(last + 1):
-            trace.places[row, i] = problem.place[i]
-            trace.tangents[row, i] = problem.vectors[TANGENT, i]
-        for i in range(MARKS):
-            trace.marks[row, i] = problem.marks[i]
-        if not in_order and problem.marks[VIABLE] < 0.0:
+        write_point(problem, trace, row + 1)
+        if not in_order and sheet[MARKS, VIABLE] < 0.0:
+            row += 1
             ended = NOT_VIABLE
             break
+        row = add_special_points(problem, trace, row, in_order) if adds else row + 1
         if edge != ROOM:
             ended = edge
             break
         step = min(largest, GROWTH * step)
-    trace.step[0] = step
+        if not adds:
+            break
+    trace[last, 0] = step
     return ended, row
 
 
 @kernel
 def compute(
-    problem: Problem, trace: Trace, task: int, in_order: bool, one: float, other: float
+    problem: Problem, trace: Any, task: int, in_order: bool, one: float, other: float
 ) -> tuple[int, int]:
     """
     Do what Python asks for, with all constants of the rig set anew.
 
-    `SOLVE` and `CORRECT` take the residual that is enough, and the largest one: whether there is a
-    solution. `GO_ON` takes a range: why it ends, and the last row.
+    `SOLVE` and `CORRECT` take the residual that is enough, and the largest one: whether there is
+    a solution. `GO_ON` takes a range: why it ends, and the last row. `LOCATE` adds the special
+    points between the first two rows: the last row. `FIND_STARTS` writes
+    starts of a part of a scan, from a place to before another one: how many there are.
+    `LINEAR_SYSTEM` writes that of the instants at the place, or the velocities there.
     """
-    set_rig(problem.moving.constants, problem.moving.lines, problem.rig)
+    set_rig(problem.moving.constants, problem.moving.lines, problem.sheet[RIG])
     if task == GO_ON:
         return step_along(problem, trace, in_order, one, other)
+    if task == LOCATE:
+        return 0, add_special_points(problem, trace, 0, in_order)
+    if task == FIND_STARTS:
+        return 0, find_starts(problem, trace, int(one), int(other))
+    if task == LINEAR_SYSTEM:
+        set_laws(problem)
+        if one > 0.0:
+            write_velocities(problem)
+        else:
+            write_linear_system(problem)
+        return 0, 0
     if task == CORRECT:
         return 1 if correct(problem, in_order, one) else 0, 0
     return 1 if solve_fixed(problem, one, other) else 0, 0

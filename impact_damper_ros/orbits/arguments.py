@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from impact_damper_ros.motion.state import NUMBERS
 from impact_damper_ros.parameters.quoting import counted, shown
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
 from .flights import Machine, machine_of
 
@@ -18,6 +19,16 @@ _WHOLE = 1e-12
 _SLOWEST = 1e-6
 #: Longest period of a force that is named as the remedy, in cycles.
 _MOST_NAMED = 65
+
+
+#: Parameters of a rig that do not enter the equations: they must have their defaults.
+UNKNOWN = tuple(
+    name
+    for name in PARAMETER_SPECS
+    if name not in (*NUMBERS, 'one_sided')
+    and not name.startswith(('force_', 'base_', 'multisine_', 'sweep_'))
+)
+_DEFAULT = RigParameters()
 
 
 class OrbitError(ValueError):
@@ -33,9 +44,18 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     """
     Raise `OrbitError` if the force does not have the requested period.
 
+    As well if the rig has a parameter that does not enter the equations.
+
     It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
     not given, as the periodic theory assumes.
     """
+    for name in UNKNOWN:
+        value = getattr(parameters, name)
+        if value != getattr(_DEFAULT, name):
+            raise OrbitError(
+                f'{name} is {value}: the periodic theory does not know it, give '
+                f'{getattr(_DEFAULT, name)}'
+            )
     amplitude, first = parameters.first_harmonic[0], parameters.first_harmonic[1]
     if 0.0 < first < _SLOWEST * parameters.omega:
         raise OrbitError(

@@ -4,19 +4,22 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, pairwise
 from operator import attrgetter
 from typing import Any, NamedTuple, overload
 
 from impact_damper_ros.parameters.quoting import counted, shown, similar_names
 
-from .orbit import PeriodicOrbit
+from .arclength import CONVERGED, FARTHER, NEARER
+from .orbit import PeriodicOrbit, stability_of
 from .search import SAME
-from .solution_curve import CurvePoint, Piece, number_of
+from .solution_curve import BranchPoint as BranchPoint, Piece, number_of
+from .solved_orbits import performed
 
 
 class SpecialKind(Enum):
@@ -51,37 +54,6 @@ class Span(NamedTuple):
         return Span(self.low / scale, self.high / scale, self.low_reason, self.high_reason)
 
 
-class BranchPoint:
-    """
-    A point of a branch; it can be unpacked to the parameter and the motion.
-
-    Attributes
-    ----------
-    value : float
-        The parameter.
-    orbit : PeriodicOrbit
-        The motion there.
-    """
-
-    def __init__(self, point: CurvePoint) -> None:
-        self._point = point
-        self.value = point.value
-
-    @property
-    def orbit(self) -> PeriodicOrbit:
-        """The motion there."""
-        return self._point.orbit
-
-    def __repr__(self) -> str:
-        """Return the point in a line."""
-        return f'BranchPoint(value={self.value!r}, orbit={self.orbit!r})'
-
-    def __iter__(self) -> Iterator[Any]:
-        """Yield the parameter and the motion."""
-        return iter((self.value, self.orbit))
-
-
-@dataclass(frozen=True, kw_only=True)
 class SpecialPoint:
     """
     A special point of a branch.
@@ -102,33 +74,83 @@ class SpecialPoint:
         At a grazing, and a fold where events meet, the change just beyond it; else empty.
     """
 
-    kind: SpecialKind
-    value: float
-    orbit: PeriodicOrbit
-    bracket: tuple[float, float]
-    converged: bool
-    reason: str = ''
+    def __init__(
+        self,
+        kind: SpecialKind,
+        point: BranchPoint,
+        beyond: BranchPoint | None = None,
+        change: tuple[BranchPoint, BranchPoint] | None = None,
+    ) -> None:
+        self.kind, self.point = kind, point
+        self._beyond, self._change = beyond, change
+        self.value = point.value
+        scale = point.curve.scale
+        self.bracket = float(point.row[NEARER] * scale), float(point.row[FARTHER] * scale)
+        self.converged = bool(point.row[CONVERGED] > 0.0)
+
+    def __repr__(self) -> str:
+        """Return the point in a line."""
+        return f'SpecialPoint(kind={self.kind}, value={self.value!r}, orbit={self.orbit!r})'
+
+    @property
+    def orbit(self) -> PeriodicOrbit:
+        """The motion there."""
+        return self.point.orbit
+
+    @cached_property
+    def reason(self) -> str:
+        """The change just beyond it."""
+        if self._beyond is None:
+            return ''
+        there = self._beyond.orbit
+        if self.point.curve.performed(self._beyond.value):
+            replaced = performed(there, there.parameters)
+            there = there if replaced is None else replaced[0]
+        change = difference(self.orbit, there)
+        if not change and self._change is not None:
+            change = difference(*(point.orbit for point in self._change))
+        return change
+
+
+def _events(orbit: PeriodicOrbit) -> Counter[str]:
+    """Describe the events of a period."""
+    words: Counter[str] = Counter(f'impact on stop {stop}' for stop in orbit.stops)
+    words.update(
+        node.kind.name.lower() + (f' on stop {node.stop}' if node.stop else '')
+        for node in sorted(orbit.events)
+    )
+    return words
+
+
+def difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
+    """Describe the difference beyond a grazing."""
+    if there.reason:
+        return there.reason
+    new, old = _events(there), _events(here)
+    gained = [f'{n} more {what}' for what, n in (new - old).items()]
+    lost = [f'{n} less {what}' for what, n in (old - new).items()]
+    return ', '.join(gained + lost)
 
 
 #: Numbers of a motion by which it may be the best.
 _MEASURES = ('x_max', 'x_max_ratio', 'impacts', 'cycles', 'period', 'residual')
 
 
-def _measure(name: str) -> Callable[[PeriodicOrbit], float]:
+def _measure(name: str) -> Callable[[BranchPoint], float]:
     """Return the reader of a number of motions; raise ValueError where they have none."""
     if name not in _MEASURES:
         close = similar_names(name, _MEASURES)
         hint = f'did you mean {close}? There are {", ".join(_MEASURES)}' if close else ''
         hint = hint or f'give one of {", ".join(_MEASURES)}'
         raise ValueError(f'measure is {shown(name)}: {hint}, or a function of the motion')
-    return attrgetter(name)
+    return attrgetter(name if name == 'x_max' else f'orbit.{name}')
 
 
 #: Error of the place of the best motion, as a share of a step of the branch.
 _NARROW = 1e-6
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Branch:
     """
     A branch of periodic motions.
@@ -151,7 +173,15 @@ class Branch:
     special: tuple[SpecialPoint, ...]
     ended: str
     began: str = ''
-    _pieces: tuple[Piece, ...] = field(default=(), repr=False, compare=False)
+    #: Points in a row of one curve; where two meet, both have the point.
+    _stretches: tuple[tuple[BranchPoint, ...], ...] = field(default=(), repr=False, compare=False)
+
+    @property
+    def _pieces(self) -> Iterator[Piece]:
+        """The parts between neighbouring points of one curve."""
+        for stretch in self._stretches:
+            for start, end in pairwise(stretch):
+                yield Piece(start.curve, start, end)
 
     def __repr__(self) -> str:
         """Return the branch in a line."""
@@ -186,15 +216,15 @@ class Branch:
         part : slice
             The points of it; each part begins with the last point of the one before.
         """
-        special = {id(point.orbit) for point in self.special}
+        special = {id(special.point) for special in self.special}
 
         def status_of(first: int) -> str:
-            both = self.orbits[first : first + 2]
+            both = self.points[first : first + 2]
             # A special point belongs to both sides
-            ordinary = [orbit for orbit in both if id(orbit) not in special] or both
-            if not all(orbit.viable for orbit in ordinary):
+            ordinary = [point for point in both if id(point) not in special] or both
+            if not all(point.viable for point in ordinary):
                 return 'not viable'
-            return max(ordinary, key=lambda orbit: abs(orbit.multipliers[0])).stability
+            return stability_of(max(point.modulus for point in ordinary))
 
         for status, steps in groupby(range(len(self.points) - 1), key=status_of):
             first, *others = steps
@@ -236,9 +266,10 @@ class Branch:
         if isinstance(values, float | int | str):
             return self.at([values])[0]
         motions: list[tuple[PeriodicOrbit, ...]] = []
+        pieces = list(self._pieces)
         for value in (number_of(self.name, value) for value in values):
             at_value: list[PeriodicOrbit] = []
-            for piece in self._pieces:
+            for piece in pieces:
                 low, high = sorted(piece.values)
                 inside = low < high and low <= value <= high
                 point = piece.at_value(value) if inside else None
@@ -310,27 +341,26 @@ class Branch:
         """
         from scipy.optimize import minimize_scalar
 
-        size = _measure(measure) if isinstance(measure, str) else measure
-        fit = [point for point in self.points if _performed(point.orbit)]
+        size = _measure(measure) if isinstance(measure, str) else _of_orbit(measure)
+        fit = [point for point in self.points if point.performed]
         if not fit:
             return None
-        best = min(fit, key=lambda point: size(point.orbit))
+        best = min(fit, key=size)
         sides = [
             piece
             for piece in self._pieces
-            if best.orbit in (ends := (piece.start.orbit, piece.end.orbit))
-            and all(map(_performed, ends))
+            if best in piece[1:] and piece.start.performed and piece.end.performed
         ]
 
         def size_at(share: float) -> float:
             nonlocal best
             piece = sides[int(share)]
             point = piece.at(share % 1.0)
-            if point is None or not _performed(point.orbit):
+            if point is None or not point.performed:
                 return math.inf
-            if size(point.orbit) < size(best.orbit):
-                best = BranchPoint(point)
-            return size(point.orbit)
+            if size(point) < size(best):
+                best = point
+            return size(point)
 
         if sides:
             minimize_scalar(
@@ -343,12 +373,16 @@ class Branch:
 
     def change_at(self, orbit: PeriodicOrbit) -> str:
         """Return what changes at a motion of the branch, or ends it; empty if nothing does."""
+        place = next((k for k, point in enumerate(self.points) if point.orbit == orbit), None)
+        return '' if place is None else self._change(place)
+
+    def _change(self, place: int) -> str:
         for special in self.special:
-            if special.orbit == orbit:
+            if special.point is self.points[place]:
                 return special.kind.value + (f': {special.reason}' if special.reason else '')
-        if orbit == self.orbits[0]:
+        if place == 0:
             return self.began
-        return self.ended if orbit == self.orbits[-1] else ''
+        return self.ended if place == len(self.points) - 1 else ''
 
     def span(self, value: float, orbit: PeriodicOrbit) -> Span:
         """
@@ -364,7 +398,8 @@ class Branch:
         count = len(self.points)
         scale = max(map(abs, self.values))
         distances = [
-            abs(v - value) / scale + abs(o.x_max / orbit.x_max - 1.0) for v, o in self.points
+            abs(point.value - value) / scale + abs(point.x_max / orbit.x_max - 1.0)
+            for point in self.points
         ]
         here = distances.index(min(distances))
 
@@ -373,7 +408,7 @@ class Branch:
             for _ in range(count):
                 # A branch that closes goes on at its other end
                 beyond = beyond % count if self.ended == CLOSES else beyond
-                if not 0 <= beyond < count or not _performed(self.orbits[beyond]):
+                if not 0 <= beyond < count or not self.points[beyond].performed:
                     break
                 ahead = self.values[beyond] - self.values[last]
                 if way * ahead < 0.0:
@@ -381,7 +416,7 @@ class Branch:
                     return self.values[last], SpecialKind.FOLD.value, way
                 last, beyond, way = beyond, beyond + step, way or ahead
             near = [k for k in (last, beyond) if 0 <= k < count]
-            texts = [self.change_at(self.orbits[k]) for k in near]
+            texts = [self._change(k) for k in near]
             reason = next((t for t in texts if t and t != CLOSES), '')
             if reason.endswith((END, POINTS)):
                 reason = ''
@@ -399,14 +434,13 @@ class Branch:
 
     def reversed(self) -> Branch:
         """Return the branch from its last point to its first."""
-        back = (Piece(piece.curve, piece.end, piece.start) for piece in self._pieces[::-1])
         return replace(
             self,
             points=self.points[::-1],
             special=self.special[::-1],
             began=self.ended,
             ended=self.began,
-            _pieces=tuple(back),
+            _stretches=tuple(stretch[::-1] for stretch in self._stretches[::-1]),
         )
 
     def extended(self, further: Branch) -> Branch:
@@ -416,13 +450,13 @@ class Branch:
             points=(*self.points, *further.points[1:]),
             special=(*self.special, *further.special),
             ended=further.ended,
-            _pieces=(*self._pieces, *further._pieces),
+            _stretches=(*self._stretches, *further._stretches),
         )
 
 
-def _performed(orbit: PeriodicOrbit) -> bool:
-    """Return whether a rig can perform a motion, and keep to it."""
-    return orbit.viable and not orbit.unstable
+def _of_orbit(measure: Callable[[PeriodicOrbit], float]) -> Callable[[BranchPoint], float]:
+    """Return the reader of a measure of the motion at a point."""
+    return lambda point: measure(point.orbit)
 
 
 #: Why a branch ends: at the end of its range, with the points asked for, and elsewhere.

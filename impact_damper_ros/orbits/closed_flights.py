@@ -121,9 +121,15 @@ END, RATE_START, RATE_END = 5, 9, 13
 #: ... X''' at the end, the duration, s, the constants of the oscillator, and what of the end does
 #: not change if the flight starts later from the same state, and
 JERK, SPAN, STIFF, DECAY = 17, 18, 19, 20
-#: the derivative of the end by the state at the start, row by row.
+#: the derivative of the end by the state at the start, row by row; and, of the node, why the rig
+#: cannot perform the motion, see `viability`.
 MATRIX = 21
-COLUMNS = 37
+FAULTS = 37
+#: Of an impact, what `impact_equations` asks for: the way of m to the next stop, half of its
+#: acceleration on the way, and how the velocities of M before and after it follow from those of m
+#: just after and just before it.
+WAY, HALF, FROM_AFTER, SLIDE = range(42, 46)
+COLUMNS = 46
 
 
 class Problem(NamedTuple):
@@ -136,57 +142,39 @@ class Problem(NamedTuple):
         The rig that flies, with constants that kernels may set.
     nodes : sequence of NodeRow
         The events of a period, in order.
-    rig : array
-        Its numbers.
-    path : array, shape (2, numbers)
-        What they are where the parameter is zero, and how they change with it.
     table : array, shape (n, COLUMNS)
-        The flights after the nodes.
-    places : array of int, shape (4, 5 n)
+        The flights after the nodes, and what is wrong with them.
+    places : array of int, shape (5, 5 n)
         Which equations and which unknowns count; and the number of each among those that do, or
         -1. Those of a node are X, X', Y, Y' and what m needs from its support, or the instant.
-    units : array, shape (4,)
-        Of displacements, m, and velocities, m/s; the period in cycles; and whether only contacts
-        depend on the parameter.
-    place : array, shape (m + 1,)
-        The unknowns, without dimension, and the parameter along the path.
-    vectors : array, shape (8, m + 1)
-        Residuals, steps, and places.
-    matrices : array, shape (3, m + 1, m + 1)
-        The derivative of the equations, space to solve them, and the derivative at the best place.
-    lead : array of int, shape (m + 1,)
-        Space of the solver.
-    history : array, shape (NEWTON_STEPS + 1,)
-        The residual before each Newton step and at the end; then -1.
-    frames : array, shape (5, 6, 6)
-        Space for products of matrices.
-    faults : array, shape (n, 5)
-        Why the rig cannot perform the motion, by node; see `viability`.
-    marks : array, shape (8,)
-        What is known of the solution; see `arclength`.
+        At last, space of the solver.
+    sheet : array, shape (ROWS + 3 (m + 1), width)
+        All other numbers, by row.
     """
 
     moving: Moving
     nodes: Sequence[NodeRow]
-    rig: Any
-    path: Any
     table: Any
     places: Any
-    units: Any
-    place: Any
-    vectors: Any
-    matrices: Any
-    lead: Any
-    history: Any
-    frames: Any
-    faults: Any
-    marks: Any
+    sheet: Any
 
 
-LENGTH, SPEED, CYCLES, CONTACTS = range(4)
-ROWS, UNKNOWNS, ROW_OF, UNKNOWN_OF = range(4)
-VALUE, STEP, AHEAD, BEHIND, BEST, NORMAL, GUESS, TANGENT = range(8)
+#: Rows of the sheet: units, what is known of the solution (see `arclength`), the numbers of the
+#: rig, what they are where the parameter is zero and how they change with it, the residual before
+#: each Newton step and at the end, then -1; ...
+UNITS, MARKS, RIG, PATH, SLOPE, HISTORY = range(6)
+#: ... vectors of m + 1 numbers: the unknowns, without dimension, and the parameter along the path;
+#: residuals, steps and other places; ...
+PLACE, VALUE, STEP, AHEAD, BEHIND, BEST, NORMAL, GUESS, TANGENT = range(6, 15)
+#: ... square matrices: three for products of deviations and ...
+FRAME, SIDE = 15, 6
+#: ... the derivative of the equations, space to solve them, and the derivative at the best place.
+ROWS = FRAME + 3 * SIDE
 DERIVATIVE, SPACE, BEST_DERIVATIVE = range(3)
+#: Units of displacements, m, and velocities, m/s; the period in cycles; and whether only contacts
+#: depend on the parameter.
+LENGTH, SPEED, CYCLES, CONTACTS = range(4)
+EQUATIONS, UNKNOWNS, ROW_OF, UNKNOWN_OF, LEAD = range(5)
 #: Most steps of Newton's method.
 NEWTON_STEPS = 40
 #: Largest residual of a solution; just beyond a fold the least residual is not zero.
@@ -290,24 +278,39 @@ def fly(moving: Moving, node: NodeRow, row: Any) -> None:
     row[MATRIX + 15] = moves
 
 
+@kernel(inline=True)
+def coordinates(problem: Problem) -> int:
+    """Return the number of unknowns, and the parameter."""
+    return (len(problem.sheet) - ROWS) // 3
+
+
+@kernel(inline=True)
+def matrix_row(problem: Problem, number: int) -> int:
+    """Return the first row of a matrix by the unknowns."""
+    return ROWS + number * coordinates(problem)
+
+
 @kernel
 def vary(problem: Problem, value: float) -> None:
     """Set the rig along the path."""
-    for k in range(len(problem.rig)):
-        problem.rig[k] = problem.path[0, k] + value * problem.path[1, k]
-    if problem.units[CONTACTS] != 0.0:
-        set_contacts(problem.moving.constants, problem.rig)
+    sheet = problem.sheet
+    for k in range(FIRST_LINE + 3 * problem.moving.constants.harmonics):
+        sheet[RIG, k] = sheet[PATH, k] + value * sheet[SLOPE, k]
+    if sheet[UNITS, CONTACTS] != 0.0:
+        set_contacts(problem.moving.constants, sheet[RIG])
     else:
-        set_rig(problem.moving.constants, problem.moving.lines, problem.rig)
+        set_rig(problem.moving.constants, problem.moving.lines, sheet[RIG])
 
 
 @kernel
 def unit_of(problem: Problem, coordinate: int) -> float:
     """Return the unit of an unknown by its coordinate; instants are angles of the force."""
     if coordinate == INSTANT:
-        rate: float = problem.rig[FIRST_LINE + 1]
+        rate: float = problem.sheet[RIG, FIRST_LINE + 1]
         return 1.0 / rate
-    unit: float = problem.units[SPEED] if coordinate % 2 == 1 else problem.units[LENGTH]
+    unit: float = (
+        problem.sheet[UNITS, SPEED] if coordinate % 2 == 1 else problem.sheet[UNITS, LENGTH]
+    )
     return unit
 
 
@@ -316,10 +319,10 @@ def spread(problem: Problem) -> None:
     """Write the states and instants at the place, and the durations of the flights."""
     table, unknowns = problem.table, problem.places[UNKNOWNS]
     count = len(problem.nodes)
-    for i in range(len(problem.place) - 1):
+    for i in range(coordinates(problem) - 1):
         k = unknowns[i]
-        table[k // 5, k % 5] = problem.place[i] * unit_of(problem, k % 5)
-    period = problem.units[CYCLES] * _TURN / problem.rig[FIRST_LINE + 1]
+        table[k // 5, k % 5] = problem.sheet[PLACE, i] * unit_of(problem, k % 5)
+    period = problem.sheet[UNITS, CYCLES] * _TURN / problem.sheet[RIG, FIRST_LINE + 1]
     for j in range(count):
         span = table[(j + 1) % count, INSTANT] - table[j, INSTANT]
         if j == count - 1:
@@ -341,7 +344,7 @@ def restitution_at(problem: Problem, j: int) -> float:
     node = problem.nodes[j]
     if node.resting != 0:
         return 0.0
-    restitution: float = problem.rig[RESTITUTION_1 if node.stop == 1 else RESTITUTION_2]
+    restitution: float = problem.sheet[RIG, RESTITUTION_1 if node.stop == 1 else RESTITUTION_2]
     return restitution
 
 
@@ -375,16 +378,20 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         if node.returns:
             # The mean velocity of a bounce is zero, rather than the way: or else two impacts at
             # once would be a solution.
-            scale /= sqrt(problem.rig[STIFFNESS] / problem.rig[MASS]) * flight[SPAN]
+            scale /= sqrt(problem.sheet[RIG, STIFFNESS] / problem.sheet[RIG, MASS]) * flight[SPAN]
     elif r == _NEED:
         away = 1.0 if before.last == 2 else -1.0
         value = flight[RATE_END + 1] - constants.slope - away * constants.air
         value -= node.gives * constants.grip
-        scale = 1.0 / (problem.units[SPEED] * sqrt(problem.rig[STIFFNESS] / problem.rig[MASS]))
-    problem.vectors[VALUE, row] = value * scale
+        scale = 1.0 / (
+            problem.sheet[UNITS, SPEED]
+            * sqrt(problem.sheet[RIG, STIFFNESS] / problem.sheet[RIG, MASS])
+        )
+    problem.sheet[VALUE, row] = value * scale
     if not with_derivative:
         return
-    jacobian = problem.matrices[DERIVATIVE]
+    sheet = problem.sheet
+    line = matrix_row(problem, DERIVATIVE) + row
     # By the state at the node before, and by the instants of that and of the node
     early = 0.0
     late = flight[RATE_END + r] if r < _NEED else flight[JERK]
@@ -402,7 +409,7 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         early -= slope * flight[RATE_START + k]
         column = places[UNKNOWN_OF, 5 * last + k]
         if column >= 0:
-            jacobian[row, column] += slope * scale * unit_of(problem, k)
+            sheet[line, column] += slope * scale * unit_of(problem, k)
     if node.kind == IMPACT and r == 1:
         late += slide * flight[RATE_END + 3]
     elif node.kind == IMPACT and r == 3:
@@ -411,10 +418,10 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         early += value / flight[SPAN]
         late -= value / flight[SPAN]
     unit = unit_of(problem, INSTANT) * scale
-    jacobian[row, places[UNKNOWN_OF, 5 * last + INSTANT]] += early * unit
-    jacobian[row, places[UNKNOWN_OF, 5 * j + INSTANT]] += late * unit
+    sheet[line, places[UNKNOWN_OF, 5 * last + INSTANT]] += early * unit
+    sheet[line, places[UNKNOWN_OF, 5 * j + INSTANT]] += late * unit
     if r < _NEED and places[UNKNOWN_OF, 5 * j + r] >= 0:
-        jacobian[row, places[UNKNOWN_OF, 5 * j + r]] -= scale * unit_of(problem, r)
+        sheet[line, places[UNKNOWN_OF, 5 * j + r]] -= scale * unit_of(problem, r)
 
 
 @kernel
@@ -422,67 +429,75 @@ def write_equations(problem: Problem, with_derivative: bool) -> None:
     """Write the residual of the equations at the place, and its derivative by the unknowns."""
     fly_all(problem)
     if with_derivative:
-        jacobian = problem.matrices[DERIVATIVE]
-        for i in range(len(jacobian)):
-            for k in range(len(jacobian)):
-                jacobian[i, k] = 0.0
+        count = coordinates(problem)
+        first = matrix_row(problem, DERIVATIVE)
+        for i in range(count):
+            for k in range(count):
+                problem.sheet[first + i, k] = 0.0
     for j in range(len(problem.nodes)):
         for r in range(5):
             write_equation(problem, j, r, with_derivative)
 
 
 @kernel
-def solve_linear(space: Any, lead: Any, right: Any, solution: Any, count: int) -> None:
+def solve_linear(problem: Problem, count: int, solution: int) -> None:
     """
-    Solve linear equations, of which `space` has a copy; unknowns that they leave open are zero.
+    Solve linear equations, of which `SPACE` and `VALUE` have copies, into a row.
 
-    Most entries of a long motion are zero, and rows without one in a column are left alone.
+    Unknowns that the equations leave open are zero. Most entries of a long motion are zero, and
+    rows without one in a column are left alone.
     """
+    sheet, lead = problem.sheet, problem.places[LEAD]
+    first = matrix_row(problem, SPACE)
     scale = 0.0
     row = 0
     for k in range(count):
         pivot = row
         for i in range(row + 1, count):
-            if abs(space[i, k]) > abs(space[pivot, k]):
+            if abs(sheet[first + i, k]) > abs(sheet[first + pivot, k]):
                 pivot = i
         lead[k] = -1
-        if row == count or not abs(space[pivot, k]) > _DEPENDENT * scale:
+        if row == count or not abs(sheet[first + pivot, k]) > _DEPENDENT * scale:
             continue
-        scale = max(scale, abs(space[pivot, k]))
+        scale = max(scale, abs(sheet[first + pivot, k]))
         if pivot != row:
             for i in range(k, count):
-                space[row, i], space[pivot, i] = space[pivot, i], space[row, i]
-            right[row], right[pivot] = right[pivot], right[row]
+                upper = sheet[first + row, i]
+                sheet[first + row, i] = sheet[first + pivot, i]
+                sheet[first + pivot, i] = upper
+            upper = sheet[VALUE, row]
+            sheet[VALUE, row] = sheet[VALUE, pivot]
+            sheet[VALUE, pivot] = upper
         for i in range(row + 1, count):
-            if space[i, k] != 0.0:
-                factor = space[i, k] / space[row, k]
+            if sheet[first + i, k] != 0.0:
+                factor = sheet[first + i, k] / sheet[first + row, k]
                 for c in range(k + 1, count):
-                    space[i, c] -= factor * space[row, c]
-                right[i] -= factor * right[row]
+                    sheet[first + i, c] -= factor * sheet[first + row, c]
+                sheet[VALUE, i] -= factor * sheet[VALUE, row]
         lead[k] = row
         row += 1
     for b in range(count):
         k = count - 1 - b
-        solution[k] = 0.0
+        sheet[solution, k] = 0.0
         row = lead[k]
         if row >= 0:
-            total = right[row]
+            total = sheet[VALUE, row]
             for c in range(k + 1, count):
-                total -= space[row, c] * solution[c]
-            solution[k] = total / space[row, k]
+                total -= sheet[first + row, c] * sheet[solution, c]
+            sheet[solution, k] = total / sheet[first + row, k]
 
 
 @kernel
 def longest_part(problem: Problem) -> float:
     """Return the largest part of a step, at most 1, that keeps every duration positive."""
-    table, step = problem.table, problem.vectors[STEP]
+    table, sheet = problem.table, problem.sheet
     count = len(problem.nodes)
     numbers = problem.places[UNKNOWN_OF]
     unit = unit_of(problem, INSTANT)
     part = 1.0
     for j in range(count):
-        later = step[numbers[5 * ((j + 1) % count) + INSTANT]]
-        change = (later - step[numbers[5 * j + INSTANT]]) * unit
+        later = sheet[STEP, numbers[5 * ((j + 1) % count) + INSTANT]]
+        change = (later - sheet[STEP, numbers[5 * j + INSTANT]]) * unit
         if change < 0.0:
             part = min(part, -(1.0 - _SHORTEST_SHARE) * table[j, SPAN] / change)
     return part
@@ -491,25 +506,25 @@ def longest_part(problem: Problem) -> float:
 @kernel
 def add_parameter(problem: Problem) -> None:
     """Add the derivative by the parameter, and the plane of the place, to the equations."""
-    place, vectors = problem.place, problem.vectors
-    jacobian = problem.matrices[DERIVATIVE]
-    last = len(place) - 1
-    here = place[last]
+    sheet = problem.sheet
+    first = matrix_row(problem, DERIVATIVE)
+    last = coordinates(problem) - 1
+    here = sheet[PLACE, last]
     change = max(_CHANGE * abs(here), _LEAST_CHANGE)
     for side in range(2):
         vary(problem, here + change if side == 0 else here - change)
         write_equations(problem, False)
         for i in range(last):
-            vectors[AHEAD + side, i] = vectors[VALUE, i]
+            sheet[AHEAD + side, i] = sheet[VALUE, i]
     vary(problem, here)
     write_equations(problem, True)
     missed = 0.0
     for i in range(last + 1):
-        jacobian[last, i] = vectors[NORMAL, i]
-        missed += vectors[NORMAL, i] * (place[i] - vectors[GUESS, i])
+        sheet[first + last, i] = sheet[NORMAL, i]
+        missed += sheet[NORMAL, i] * (sheet[PLACE, i] - sheet[GUESS, i])
         if i < last:
-            jacobian[i, last] = (vectors[AHEAD, i] - vectors[BEHIND, i]) / (2.0 * change)
-    vectors[VALUE, last] = missed
+            sheet[first + i, last] = (sheet[AHEAD, i] - sheet[BEHIND, i]) / (2.0 * change)
+    sheet[VALUE, last] = missed
 
 
 @kernel
@@ -522,10 +537,11 @@ def newton(problem: Problem, in_plane: bool, in_order: bool, enough: float) -> f
     `GUESS` as another equation; `in_order` keeps every duration positive. A residual below
     `enough` ends it.
     """
-    place, vectors, history = problem.place, problem.vectors, problem.history
-    jacobian, space = problem.matrices[DERIVATIVE], problem.matrices[SPACE]
-    best = problem.matrices[BEST_DERIVATIVE]
-    count = len(place) if in_plane else len(place) - 1
+    sheet = problem.sheet
+    size = coordinates(problem)
+    jacobian, space = matrix_row(problem, DERIVATIVE), matrix_row(problem, SPACE)
+    best = matrix_row(problem, BEST_DERIVATIVE)
+    count = size if in_plane else size - 1
     least = inf
     stalled = 0
     steps = 0
@@ -534,42 +550,42 @@ def newton(problem: Problem, in_plane: bool, in_order: bool, enough: float) -> f
             add_parameter(problem)
         else:
             write_equations(problem, True)
-        size = 0.0
+        residual = 0.0
         total = 0.0
         for i in range(count):
-            size = max(size, abs(vectors[VALUE, i]))
-            total += vectors[VALUE, i]
+            residual = max(residual, abs(sheet[VALUE, i]))
+            total += sheet[VALUE, i]
             for k in range(count):
-                space[i, k] = jacobian[i, k]
-                total += jacobian[i, k]
+                sheet[space + i, k] = sheet[jacobian + i, k]
+                total += sheet[jacobian + i, k]
         shortest = inf
         for j in range(len(problem.nodes)):
             shortest = min(shortest, problem.table[j, SPAN])
         if not abs(total) < inf or (in_order and shortest <= 0.0):
             break
-        history[steps] = size
+        sheet[HISTORY, steps] = residual
         steps += 1
-        stalled = 0 if size < 0.5 * least else stalled + 1
-        if size < least:
-            least = size
-            for i in range(len(place)):
-                vectors[BEST, i] = place[i]
+        stalled = 0 if residual < 0.5 * least else stalled + 1
+        if residual < least:
+            least = residual
+            for i in range(size):
+                sheet[BEST, i] = sheet[PLACE, i]
                 for k in range(count):
-                    best[i, k] = jacobian[i, k]
-        if size < enough or stalled >= (3 if least > _SETTLED else 1):
+                    sheet[best + i, k] = sheet[jacobian + i, k]
+        if residual < enough or stalled >= (3 if least > _SETTLED else 1):
             break
-        solve_linear(space, problem.lead, vectors[VALUE], vectors[STEP], count)
+        solve_linear(problem, count, STEP)
         for i in range(count):
-            vectors[STEP, i] = -vectors[STEP, i]
+            sheet[STEP, i] = -sheet[STEP, i]
         part = longest_part(problem) if in_order else 1.0
         for i in range(count):
-            place[i] += part * vectors[STEP, i]
-    history[steps] = -1.0
+            sheet[PLACE, i] += part * sheet[STEP, i]
+    sheet[HISTORY, steps] = -1.0
     if least < inf:
-        for i in range(len(place)):
-            place[i] = vectors[BEST, i]
+        for i in range(size):
+            sheet[PLACE, i] = sheet[BEST, i]
         if in_plane:
-            vary(problem, place[len(place) - 1])
+            vary(problem, sheet[PLACE, size - 1])
         fly_all(problem)
     return least
 
@@ -577,32 +593,32 @@ def newton(problem: Problem, in_plane: bool, in_order: bool, enough: float) -> f
 @kernel
 def write_tangent(problem: Problem) -> None:
     """Write the unit tangent of the curve at the best place, along the normal of its plane."""
-    vectors, space = problem.vectors, problem.matrices[SPACE]
-    count = len(problem.place)
+    sheet = problem.sheet
+    count = coordinates(problem)
+    space, best = matrix_row(problem, SPACE), matrix_row(problem, BEST_DERIVATIVE)
     for i in range(count):
-        vectors[VALUE, i] = 0.0
+        sheet[VALUE, i] = 0.0
         for k in range(count):
-            space[i, k] = problem.matrices[BEST_DERIVATIVE, i, k]
-    vectors[VALUE, count - 1] = 1.0
-    tangent = vectors[TANGENT]
-    solve_linear(space, problem.lead, vectors[VALUE], tangent, count)
+            sheet[space + i, k] = sheet[best + i, k]
+    sheet[VALUE, count - 1] = 1.0
+    solve_linear(problem, count, TANGENT)
     length = 0.0
     for i in range(count):
-        length += tangent[i] * tangent[i]
+        length += sheet[TANGENT, i] * sheet[TANGENT, i]
     for i in range(count):
-        tangent[i] /= sqrt(length)
+        sheet[TANGENT, i] /= sqrt(length)
 
 
 @kernel
 def write_monodromy(problem: Problem) -> int:
     """
-    Write the derivative of the state after a node by itself, a period later, into a frame.
+    Write the derivative of the state after a node by itself, a period later, into the first frame.
 
     The node is that after which the state has the fewest free coordinates; their number is
     returned. They are the first ones: those of sticking have no relative velocity, those of rest
     no way either.
     """
-    nodes, table, frames = problem.nodes, problem.table, problem.frames
+    nodes, table, sheet = problem.nodes, problem.table, problem.sheet
     count = len(nodes)
     first = 0
     size = 5
@@ -611,44 +627,44 @@ def write_monodromy(problem: Problem) -> int:
         if free < size:
             size = free
             first = j
-    product, jump, spare = frames[0], frames[1], frames[2]
+    jump, spare = FRAME + SIDE, FRAME + 2 * SIDE
     for i in range(4):
         for k in range(4):
-            product[i, k] = 1.0 if i == k else 0.0
+            sheet[FRAME + i, k] = 1.0 if i == k else 0.0
     for b in range(count):
         j = (first + b) % count
-        after = (j + 1) % count
-        carry_through(problem, j, after, jump)
+        carry_through(problem, j, (j + 1) % count)
         for i in range(4):
             for k in range(4):
                 total = 0.0
                 for c in range(4):
-                    total += table[j, MATRIX + 4 * i + c] * product[c, k]
-                spare[i, k] = total
+                    total += table[j, MATRIX + 4 * i + c] * sheet[FRAME + c, k]
+                sheet[spare + i, k] = total
         for i in range(4):
             for k in range(4):
                 total = 0.0
                 for c in range(4):
-                    total += jump[i, c] * spare[c, k]
-                product[i, k] = total
+                    total += sheet[jump + i, c] * sheet[spare + c, k]
+                sheet[FRAME + i, k] = total
     return size
 
 
 @kernel
-def carry_through(problem: Problem, j: int, after: int, jump: Any) -> None:
-    """Write the matrix that carries deviations through the node after a flight."""
-    nodes, table = problem.nodes, problem.table
+def carry_through(problem: Problem, j: int, after: int) -> None:
+    """Write the matrix that carries deviations through the node after a flight, as a frame."""
+    nodes, table, sheet = problem.nodes, problem.table, problem.sheet
+    jump = FRAME + SIDE
     impact = nodes[after].kind == IMPACT
     for i in range(4):
         for k in range(4):
-            jump[i, k] = 1.0 if i == k else 0.0
+            sheet[jump + i, k] = 1.0 if i == k else 0.0
     if impact:
         constants = problem.moving.constants
         speed = abs(table[j, RATE_END + 2])
         _, slope = bounce(constants, restitution_at(problem, after), speed)
         slide, stay = rebound_slopes(constants.share, slope)
-        jump[1, 3] = slide
-        jump[3, 3] = stay
+        sheet[jump + 1, 3] = slide
+        sheet[jump + 3, 3] = stay
     normal = 2 if impact else 3
     across = table[j, RATE_END + normal]
     if across == 0.0:
@@ -658,6 +674,6 @@ def carry_through(problem: Problem, j: int, after: int, jump: Any) -> None:
         rise = table[after, RATE_START + i]
         for k in range(4):
             if k != normal:
-                rise -= jump[i, k] * table[j, RATE_END + k]
-        rise -= jump[i, normal] * across
-        jump[i, normal] += rise / across
+                rise -= sheet[jump + i, k] * table[j, RATE_END + k]
+        rise -= sheet[jump + i, normal] * across
+        sheet[jump + i, normal] += rise / across

@@ -25,23 +25,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from operator import attrgetter, itemgetter
-from typing import NamedTuple
 
 import numpy as np
 
 from .arclength import (
+    BETWEEN,
+    BEYOND,
     BRANCHING,
     DOUBLING,
     FOLD,
     HIGH_END,
+    KIND,
     LEAST_STEP,
     LOST,
     LOW_END,
     NOT_VIABLE,
+    ORDINARY,
     SHARPEST_TURN,
     TORUS,
     VIABLE,
@@ -53,12 +54,11 @@ from .branch import (
     NONE_NEARBY,
     POINTS,
     Branch,
-    BranchPoint,
     SpecialKind,
     SpecialPoint,
 )
 from .orbit import PeriodicOrbit
-from .solution_curve import LOCATED, CurvePoint, Path, Piece, SolutionCurve, Steps, range_of
+from .solution_curve import BranchPoint, Path, SolutionCurve, Steps, range_of
 from .solved_orbits import performed
 
 #: How far a multiplier may be from where it should be at a special point, and at a guess of one.
@@ -68,29 +68,10 @@ _GUESSED = 0.2
 _POLE = 1e10
 
 
-def _events(orbit: PeriodicOrbit) -> Counter[str]:
-    """Describe the events of a period."""
-    words: Counter[str] = Counter(f'impact on stop {stop}' for stop in orbit.stops)
-    words.update(
-        node.kind.name.lower() + (f' on stop {node.stop}' if node.stop else '')
-        for node in sorted(orbit.events)
-    )
-    return words
-
-
-def _difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
-    """Describe the difference beyond a grazing."""
-    if there.reason:
-        return there.reason
-    new, old = _events(there), _events(here)
-    gained = [f'{n} more {what}' for what, n in (new - old).items()]
-    lost = [f'{n} less {what}' for what, n in (old - new).items()]
-    return ', '.join(gained + lost)
-
-
-def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
+def _genuine(special: SpecialPoint) -> bool:
     """Return whether the multipliers at a located point are those of its kind."""
-    values = orbit.multipliers
+    values, kind = special.point.multipliers, special.kind
+    near = _NEAR if special.converged else _GUESSED
     if kind not in (SpecialKind.FOLD, SpecialKind.GRAZING) and abs(values[0]) > _POLE:
         # Round-off of the largest one hides the others
         return False
@@ -103,98 +84,56 @@ def _genuine(kind: SpecialKind, orbit: PeriodicOrbit, near: float) -> bool:
     return True
 
 
-class _Located(NamedTuple):
-    """A special point, and the place on the curve where it is, as a share of a piece."""
-
-    share: float
-    point: CurvePoint
-    special: SpecialPoint
-
-
-#: The test functions, by where they are among the marks of a point.
-_TESTS = {
-    SpecialKind.FOLD: FOLD,
-    SpecialKind.PERIOD_DOUBLING: DOUBLING,
-    SpecialKind.NEIMARK_SACKER: TORUS,
-    SpecialKind.BRANCH_POINT: BRANCHING,
-    SpecialKind.GRAZING: VIABLE,
+#: What happens where a test function is zero, by where that is among the marks of a point.
+_KINDS = {
+    FOLD: SpecialKind.FOLD,
+    DOUBLING: SpecialKind.PERIOD_DOUBLING,
+    TORUS: SpecialKind.NEIMARK_SACKER,
+    BRANCHING: SpecialKind.BRANCH_POINT,
+    VIABLE: SpecialKind.GRAZING,
 }
 
 
-def _turns(start: CurvePoint, end: CurvePoint) -> bool:
+def _turns(start: BranchPoint, end: BranchPoint) -> bool:
     """Return whether the parameter turns between two points."""
     return bool(start.tangent[-1] * end.tangent[-1] < 0.0)
 
 
-def _locate(piece: Piece, kind: SpecialKind) -> _Located | None:
-    """Find where a test function changes sign between two points of a branch."""
-    from scipy.optimize import brentq
+def _with_special(
+    points: Sequence[BranchPoint], change: tuple[BranchPoint, BranchPoint] | None = None
+) -> tuple[list[BranchPoint], list[SpecialPoint]]:
+    """
+    Return the points of a curve that belong to it, and the special ones among them.
 
-    test = _TESTS[kind]
-    near, far = (0.0, piece.start), (1.0, piece.end)
-    side = piece.start.marks[test] > 0.0
-
-    def value_at(share: float) -> float:
-        nonlocal near, far
-        middle = piece.at(share)
-        if middle is None:
-            raise ArithmeticError('the corrector fails')
-        value = float(middle.marks[test])
-        if (value > 0.0) == side:
-            near = max(near, (share, middle), key=itemgetter(0))
-        else:
-            far = min(far, (share, middle), key=itemgetter(0))
-        return value
-
-    try:
-        brentq(value_at, 0.0, 1.0, xtol=LOCATED)
-        complete = True
-    except ArithmeticError:
-        complete = False
-    best, other = near, far
-    if abs(best[1].marks[test]) > abs(other[1].marks[test]):
-        best, other = other, best
-    reason = ''
-    if kind is SpecialKind.GRAZING:
-        best, other = (near, far) if near[1].viable else (far, near)
-        there = other[1].orbit
-        replaced = piece.curve.performed(other[1].value)
-        beyond = performed(there, there.parameters) if replaced else None
-        reason = _difference(best[1].orbit, beyond or there) or piece.change
-    orbit = best[1].orbit
-    if not _genuine(kind, orbit, _NEAR if complete else _GUESSED):
-        return None
-    special = SpecialPoint(
-        kind=kind,
-        value=best[1].value,
-        orbit=orbit,
-        bracket=(near[1].value, far[1].value),
-        converged=complete,
-        reason=reason,
-    )
-    return _Located(*best, special)
-
-
-def _special_points(piece: Piece) -> list[_Located]:
-    """Locate the special points between two neighbouring points of a branch, in order."""
-    start, end = piece.start, piece.end
-    located_points: list[_Located] = []
-    for kind, test in _TESTS.items():
-        changes = start.marks[test] * end.marks[test] < 0.0
-        if not changes or (kind is SpecialKind.BRANCH_POINT and _turns(start, end)):
+    Where a test function changes sign at a pole, or a rig that leaves the curve no longer
+    performs the motion, there is none.
+    """
+    kept: list[BranchPoint] = []
+    special: list[SpecialPoint] = []
+    for k, point in enumerate(points):
+        kind = int(point.row[KIND])
+        if kind in _KINDS:
+            beyond = points[k + 1] if kind == VIABLE else None
+            found = SpecialPoint(_KINDS[kind], point, beyond, change)
+            turns = change is not None and _turns(*change)
+            if turns and kind == VIABLE:
+                found.kind = SpecialKind.FOLD
+            if not _genuine(found) or (change is not None and not point.viable):
+                continue
+            if turns and kind == FOLD:
+                continue
+            special.append(found)
+        if kind == BETWEEN and not (kept and special and kept[-1] is special[-1].point):
             continue
-        located = _locate(piece, kind)
-        if located is None or (piece.change and not located.special.orbit.viable):
-            continue
-        if kind is SpecialKind.GRAZING and piece.turns:
-            located = located._replace(special=replace(located.special, kind=SpecialKind.FOLD))
-        located_points.append(located)
-    return sorted(located_points, key=attrgetter('share'))
+        if kind != BEYOND:
+            kept.append(point)
+    return kept, special
 
 
 #: The first step, as a share of the largest one.
 _FIRST_STEP = 0.1
-#: Distance of a place that is met again.
+#: Fewest steps in which a branch closes, and distance of a place that is met again.
+_FEWEST = 4
 _SAME_PLACE = 1e-6
 #: Least scale of a parameter that begins near zero, as a share of its range.
 _LEAST_SCALE = 0.2
@@ -203,38 +142,39 @@ _BEYOND = 1e-6
 
 
 def _performed_beyond(
-    curve: SolutionCurve, point: CurvePoint
-) -> tuple[SolutionCurve, CurvePoint] | None:
+    curve: SolutionCurve, point: BranchPoint
+) -> tuple[SolutionCurve, BranchPoint] | None:
     """
     Return the motion that the rig performs in place of a solution, and its curve.
 
     It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
     along = curve.along
-    orbit = performed(point.orbit, point.orbit.parameters)
-    if orbit is None or orbit.distance(point.orbit) > 4.0 * along.largest_step:
+    there = performed(point.orbit, point.orbit.parameters)
+    if there is None or there[0].distance(point.orbit) > 4.0 * along.largest_step:
         return None
     value = point.value
-    fresh = SolutionCurve(orbit, along, value, curve.scale)
+    fresh = SolutionCurve(there[0], along, value, curve.scale, guess=there[1])
     again = fresh.at_value(fresh.start, value, point.tangent[-1])
     return (fresh, again) if again is not None and again.viable else None
 
 
 def _beyond_meeting(
-    curve: SolutionCurve, here: CurvePoint, there: CurvePoint
-) -> tuple[SolutionCurve, CurvePoint] | None:
+    curve: SolutionCurve, here: BranchPoint, there: BranchPoint
+) -> tuple[SolutionCurve, BranchPoint] | None:
     """
     Return the motion beyond a place where two events meet, as ends of sticking, and its curve.
 
     The curve of the motions with both turns there. That of the motions without them does not: the
     rig performs those on one side, where the branch goes on or, at a nonsmooth fold, back.
     """
-    met = _locate(Piece(curve, here, there), SpecialKind.FOLD)
-    guess = None if met is None else curve.without_meeting(met.point)
+    between = curve.between(here, there)
+    met = next((point for point in between if point.row[KIND] == FOLD), None)
+    guess = None if met is None else curve.without_meeting(met)
     if met is None or guess is None:
         return None
-    along, value = curve.along, met.special.value
-    fresh = SolutionCurve(met.point.orbit, along, value, curve.scale, guess=guess)
+    along, value = curve.along, met.value
+    fresh = SolutionCurve(met.orbit, along, value, curve.scale, guess=guess)
     step = _BEYOND * float(np.linalg.norm(there.place - here.place))
     for way in (here.tangent[-1], there.tangent[-1]):
         again = fresh.at_value(fresh.start, value + math.copysign(step * curve.scale, way), way)
@@ -243,44 +183,60 @@ def _beyond_meeting(
     return None
 
 
-def _comes_to(curve: SolutionCurve, here: CurvePoint, there: CurvePoint, step: float) -> bool:
-    """Return whether a curve passes another point within a step, rather than next to it."""
+def _comes_to(curve: SolutionCurve, here: BranchPoint, there: BranchPoint, within: float) -> bool:
+    """Return whether a curve passes another point within a distance, rather than next to it."""
     chord = there.place - here.place
-    if np.linalg.norm(chord) >= step or float(there.tangent @ here.tangent) < SHARPEST_TURN:
+    if np.linalg.norm(chord) >= within or float(there.tangent @ here.tangent) < SHARPEST_TURN:
         return False
     ahead = float(chord @ here.tangent)
     met = curve.correct(here.place + ahead * here.tangent, here.tangent)
     return met is not None and bool(np.linalg.norm(met.place - there.place) < _SAME_PLACE)
 
 
+def _closes(points: Sequence[BranchPoint], since: int) -> int | None:
+    """Return which of the points of a curve from a place on comes back to the first one."""
+    ordinary = [k for k, point in enumerate(points) if point.row[KIND] == ORDINARY]
+    places = np.array([points[k].place for k in ordinary])
+    half = 0.5 * np.linalg.norm(np.diff(places, axis=0), axis=1)
+    near = np.linalg.norm(places[1:] - places[0], axis=1) < half
+    for number in np.flatnonzero(near) + 1:
+        k = ordinary[number]
+        if k < since or number < _FEWEST:
+            continue
+        if _comes_to(points[k].curve, points[k], points[0], float(half[number - 1])):
+            return k
+    return None
+
+
 def _fresh_curve(
-    curve: SolutionCurve, here: CurvePoint, there: CurvePoint
-) -> tuple[SolutionCurve, CurvePoint] | None:
+    curve: SolutionCurve, here: BranchPoint, there: BranchPoint
+) -> tuple[SolutionCurve, BranchPoint] | None:
     """Return the motion with other nodes that the rig performs beyond a point, and its curve."""
     if _turns(here, there):
         return _beyond_meeting(curve, here, there)
     return _performed_beyond(curve, there)
 
 
-def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
+def _grow(curve: SolutionCurve, point: BranchPoint) -> Branch:
     """Step along a branch until it leaves the bounds, ends or closes."""
     along = curve.along
-    first, begun = point, curve
-    points, pieces = [BranchPoint(first)], list[Piece]()
+    stretches, special = [[point]], list[SpecialPoint]()
     here, step = point, _FIRST_STEP * along.largest_step
-    ended = ''
-    while not ended and len(points) < along.most_points:
-        ahead, why, step = curve.steps_from(here, step, along.most_points - len(points))
+    count, ended = 1, ''
+    while not ended and count < along.most_points:
+        ahead, why, step = curve.steps_from(here, step, along.most_points - count)
         beyond = ahead.pop() if why == NOT_VIABLE else None
-        for there in ahead:
-            pieces.append(Piece(curve, here, there))
-            points.append(BranchPoint(there))
-            half = 0.5 * float(np.linalg.norm(there.place - here.place))
-            here = there
-            if curve is begun and len(points) > 4 and _comes_to(curve, here, first, half):
-                ended = CLOSES
-                points[-1], pieces[-1] = points[0], pieces[-1]._replace(end=first)
-                break
+        here = ahead[-1] if ahead else here
+        count += sum(one.row[KIND] == ORDINARY for one in ahead)
+        stretch, since = stretches[-1], len(stretches[-1])
+        kept, located = _with_special(ahead)
+        stretch += kept
+        closes = _closes(stretch, since) if len(stretches) == 1 else None
+        if closes is not None:
+            ended = CLOSES
+            stretch[closes:] = [point]
+            located = [one for one in located if one.point in stretch]
+        special += located
         if ended:
             break
         if why in (LOW_END, HIGH_END):
@@ -293,49 +249,23 @@ def _grow(curve: SolutionCurve, point: CurvePoint) -> Branch:
                 step *= 0.5
                 ended = NONE_NEARBY if step < LEAST_STEP * along.largest_step else ''
                 continue
-            change = _difference(here.orbit, fresh[1].orbit)
-            pieces.append(Piece(curve, here, beyond, change, _turns(here, fresh[1])))
+            kept, located = _with_special(curve.between(here, beyond), (here, fresh[1]))
+            stretch += kept
+            special += located
             curve, here = fresh
-            points.append(BranchPoint(here))
+            stretches.append([here])
+            count += 1
             step = _FIRST_STEP * along.largest_step
             if not along.low < here.value < along.high:
                 end = along.low if here.value <= along.low else along.high
                 ended = f'{along.name} = {end:g}, {END}'
-    branch = Branch(
+    return Branch(
         name=along.name,
-        points=tuple(points),
-        special=(),
+        points=tuple(itertools.chain.from_iterable(stretches)),
+        special=tuple(special),
         ended=ended or f'{along.most_points}{POINTS}',
+        _stretches=tuple(map(tuple, stretches)),
     )
-    return _with_special_points(branch, pieces)
-
-
-def _with_special_points(branch: Branch, between: Sequence[Piece]) -> Branch:
-    """Return a branch with its special points, also among its points."""
-    special: list[SpecialPoint] = []
-    points, pieces = [*branch.points[:1]], []
-    columns = list(_TESTS.values())
-    ends = [[end.marks[columns] for end in (piece.start, piece.end)] for piece in between]
-    changes = (np.prod(ends, axis=1) < 0.0).any(axis=-1) if between else ()
-    for piece, after, change in zip(between, branch.points[1:], changes, strict=True):
-        located_points = _special_points(piece) if change else []
-        special += [located.special for located in located_points]
-        inside = [(located.share, located.point) for located in located_points]
-        for one, other in itertools.pairwise(located_points):
-            # Between two of them the motion is of another kind than on both sides
-            share = 0.5 * (one.share + other.share)
-            inside.append((share, piece.at(share) or other.point))
-        start = piece.start
-        for _, point in sorted(inside, key=itemgetter(0)):
-            if point.orbit not in (start.orbit, piece.end.orbit):
-                points.append(BranchPoint(point))
-                pieces.append(Piece(piece.curve, start, point))
-                start = point
-        points.append(after)
-        # Beyond a change the rig has left the curve
-        if not (piece.change and located_points):
-            pieces.append(Piece(piece.curve, start, piece.end))
-    return replace(branch, points=tuple(points), special=tuple(special), _pieces=tuple(pieces))
 
 
 def follow(
@@ -391,23 +321,16 @@ def follow(
     """
     low, high = range_of(path, low, high)
     along = Steps(path, low, high, start, largest_step, most_points)
-    down, up = (_one_way(orbit, along, upwards) for upwards in (False, True))
-    if not down.points or down.ended == CLOSES:
-        return down if down.points else up
-    return down.reversed().extended(up)
-
-
-def _one_way(orbit: PeriodicOrbit, along: Steps, upwards: bool) -> Branch:
-    """Follow a motion while the parameter rises, or falls, at first."""
     value = along.value(orbit.parameters)
     scale = max(abs(value), _LEAST_SCALE * (along.high - along.low))
     if value == 0.0:
         scale = max(abs(along.low), abs(along.high))
     curve = SolutionCurve(orbit, along, value, scale)
-    point = curve.at_value(curve.start, value, 1.0 if upwards else -1.0)
-    if point is None:
-        return Branch(name=along.name, points=(), special=(), ended='no motion to begin with')
-    return _grow(curve, point)
+    points = [curve.at_value(curve.start, value, way) for way in (-1.0, 1.0)]
+    down, up = (None if point is None else _grow(curve, point) for point in points)
+    if down is None or down.ended == CLOSES:
+        return down or up or Branch(along.name, (), (), 'no motion to begin with')
+    return down if up is None else down.reversed().extended(up)
 
 
 def switch_branch(
@@ -461,6 +384,6 @@ def switch_branch(
     direction = -direction if mirrored else direction
     point = curve.correct(curve.start + _FIRST_STEP * largest_step * direction, direction)
     if point is None:
-        return Branch(name=along.name, points=(), special=(), ended='no branch found')
+        return Branch(along.name, (), (), 'no branch found')
     began = f'{special.kind.value} at {along.name} = {special.value:.9g}'
     return replace(_grow(curve, point), began=began)

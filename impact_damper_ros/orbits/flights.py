@@ -139,11 +139,11 @@ def flight_at(
     return Flight(machine, run, waves).begun()
 
 
-def rig_on(flight: Flight, parameters: RigParameters, *, compiled: bool = False) -> Rig:
+def rig_on(flight: Flight, parameters: RigParameters) -> Rig:
     """Return the rig that goes on from the origin of a flight, at time 0."""
     angles = tuple(wave.angle for wave in flight.waves)
     snapshot = Snapshot(parameters, flight.run, angles, (), SteppedSine(0.0))
-    return Rig.resume(snapshot, compiled=compiled)
+    return Rig.resume(snapshot, compiled=None)
 
 
 def flight_at_impact(

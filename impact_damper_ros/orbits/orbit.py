@@ -31,6 +31,13 @@ AT_IMPACTS = (
 )
 
 
+def stability_of(modulus: float) -> str:
+    """Return whether a motion is stable, neutral or unstable, by its largest multiplier."""
+    if modulus < 1.0 - NEUTRAL:
+        return 'stable'
+    return 'neutral' if modulus <= 1.0 + NEUTRAL else 'unstable'
+
+
 class OrbitEvent(NamedTuple):
     """
     An event of a periodic motion that is not an impact.
@@ -218,24 +225,24 @@ class PeriodicOrbit(Rhythm):
         )
 
     @property
+    def stability(self) -> str:
+        """Stable, neutral or unstable, as a word."""
+        return stability_of(abs(self.multipliers[0]))
+
+    @property
     def stable(self) -> bool:
         """Whether all multipliers are inside the unit circle: small deviations die out."""
-        return abs(self.multipliers[0]) < 1.0 - NEUTRAL
+        return self.stability == 'stable'
 
     @property
     def neutral(self) -> bool:
         """Whether the largest is on it, as in a rig without losses: deviations remain."""
-        return abs(abs(self.multipliers[0]) - 1.0) <= NEUTRAL
+        return self.stability == 'neutral'
 
     @property
     def unstable(self) -> bool:
         """Whether the largest is outside: small deviations grow."""
-        return abs(self.multipliers[0]) > 1.0 + NEUTRAL
-
-    @property
-    def stability(self) -> str:
-        """Stable, neutral or unstable, as a word."""
-        return 'stable' if self.stable else 'neutral' if self.neutral else 'unstable'
+        return self.stability == 'unstable'
 
     @property
     def cycle(self) -> float:

@@ -39,22 +39,39 @@ from impact_damper_ros.motion.state import (
 )
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .arclength import MARKS, RESIDUAL, SIZE, SOLVE, VIABLE, X_MAX, Trace, compute
+from .arclength import (
+    COORDINATES,
+    MAP,
+    RESIDUAL,
+    SIZE,
+    SOLVE,
+    SPARE,
+    VIABLE,
+    X_MAX,
+    compute,
+)
 from .closed_flights import (
     COLUMNS,
     CONTACTS,
     END,
+    HISTORY,
     INSTANT,
     LENGTH,
+    MARKS,
     NEWTON_STEPS,
+    PATH,
+    PLACE,
     RESIDUAL_TOLERANCE,
-    SPAN,
+    RIG,
+    ROWS,
+    SLOPE,
     SPEED,
+    UNITS,
     NodeRow,
     Problem,
 )
 from .multipliers import multipliers_of
-from .viability import LEFT, why_not_viable
+from .viability import why_not_viable
 
 Array = NDArray[np.float64]
 #: A residual that is as small as round-off allows.
@@ -145,7 +162,7 @@ def _layout(nodes: tuple[Node, ...], compiles: bool) -> _Layout:
         last = node
     counting = np.array([_counting(node) for node in nodes])
     count = 5 * len(nodes)
-    places = np.full((4, count), -1, np.int64)
+    places = np.full((5, count), -1, np.int64)
     for k in range(2):
         numbers = np.flatnonzero(counting[:, k].ravel())
         places[k, : len(numbers)] = numbers
@@ -191,7 +208,7 @@ def call_kernel(function: Any, *arguments: Any) -> Any:
     return compiled(function.__name__, arguments, 'periodic solver')(*arguments)
 
 
-_NO_TRACE = Trace(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
+_NO_TRACE: Array = np.zeros((0, 0))
 
 
 class PeriodicProblem:
@@ -223,33 +240,35 @@ class PeriodicProblem:
         swing = abs(float(rig[FIRST_LINE])) / parameters.stiffness
         both = len({node.stop for node in self.nodes} - {0}) > 1
         self.length = max(swing, fall, parameters.gap if both else 0.0)
-        units = np.array([self.length, self.length * parameters.omega, cycles, 0.0])
         self.arrays = Problem(
             moving=_moving((len(rig) - FIRST_LINE) // 3, parameters.one_sided),
             nodes=layout.rows,
-            rig=rig,
-            path=np.zeros((2, len(rig))),
             table=np.zeros((count, COLUMNS)),
-            places=layout.places,
-            units=units,
-            place=np.zeros(size),
-            vectors=np.zeros((8, size)),
-            matrices=np.zeros((3, size, size)),
-            lead=np.zeros(size, np.int64),
-            history=np.zeros(NEWTON_STEPS + 1),
-            frames=np.zeros((5, 6, 6)),
-            faults=np.zeros((count, 5)),
-            marks=np.zeros(MARKS),
+            places=layout.places.copy(),
+            sheet=np.zeros((ROWS + 3 * size, max(size, len(rig), NEWTON_STEPS + 1))),
         )
+        sheet = self.arrays.sheet
+        self.rig, self.place, self.units = (
+            sheet[RIG, : len(rig)],
+            sheet[PLACE, :size],
+            sheet[UNITS],
+        )
+        self.rig[:] = rig
+        self.units[:CONTACTS] = self.length, self.length * parameters.omega, cycles
 
-    def trace_of(self, rows: int) -> Trace:
-        """Return room for points of a curve."""
-        size = self.layout.unknowns + 1
-        places, tangents = np.zeros((2, rows, size))
-        return Trace(places, tangents, np.zeros((rows, MARKS)), np.zeros(2))
+    def matrix(self, number: int) -> Array:
+        """Return a matrix by the unknowns and the parameter, as the kernels have it."""
+        size = len(self.place)
+        first = ROWS + number * size
+        matrix: Array = self.arrays.sheet[first : first + size, :size]
+        return matrix
+
+    def trace_of(self, rows: int) -> Array:
+        """Return room for points of a curve, as `arclength` has them, and for special points."""
+        return np.zeros((rows + 2 * SPARE, COORDINATES + 2 * len(self.place)))
 
     def compute(
-        self, task: int, in_order: bool, one: float, other: float, trace: Trace = _NO_TRACE
+        self, task: int, in_order: bool, one: float, other: float, trace: Array = _NO_TRACE
     ) -> tuple[int, int]:
         """Let the kernels compute, as `arclength.compute`."""
         answer: tuple[int, int] = call_kernel(
@@ -259,52 +278,50 @@ class PeriodicProblem:
 
     def set_path(self, start: Array, slope: Array) -> None:
         """Let a path of rigs be given by the last unknown: numbers where it is 0, and slopes."""
-        self.arrays.path[0], self.arrays.path[1] = start, slope
+        self.arrays.sheet[PATH, : len(start)], self.arrays.sheet[SLOPE, : len(slope)] = (
+            start,
+            slope,
+        )
         others = np.concatenate([slope[: DAMPER_MASS + 1], slope[FIRST_LINE:]])
-        self.arrays.units[CONTACTS] = not others.any()
+        self.units[CONTACTS] = not others.any()
 
     @cached_property
     def stops(self) -> tuple[int, ...]:
         """The stop hit at each impact."""
         return tuple(node.stop for node in self.nodes if node.kind is EventKind.IMPACT)
 
-    @property
-    def units(self) -> Array:
-        """Units of the unknowns of a node."""
-        length, speed = self.arrays.units[[LENGTH, SPEED]]
-        rate = 1.0 / self.arrays.rig[FIRST_LINE + 1]
-        return np.array([length, speed, length, speed, rate])
-
     def unknowns(self, states: Array, instants: Array) -> Array:
         """Return the unknowns of a guess, or of several."""
-        full = np.concatenate([states, instants[..., None]], axis=-1) / self.units
+        length, speed = self.units[[LENGTH, SPEED]]
+        units = length, speed, length, speed, 1.0 / self.rig[FIRST_LINE + 1]
+        full = np.concatenate([states, instants[..., None]], axis=-1) / units
         counting = self.layout.places[1, : self.layout.unknowns]
         values: Array = full.reshape(*instants.shape[:-1], -1)[..., counting]
         return values
 
     def solve(self, states: Array, instants: Array) -> Solution | None:
         """Return the solution that Newton's method leads to from a guess, if it does."""
-        self.arrays.place[:-1] = self.unknowns(states, instants)
+        return self.solve_from(self.unknowns(states, instants))
+
+    def solve_from(self, place: Array) -> Solution | None:
+        """Return the solution that Newton's method leads to from a place, if it does."""
+        self.place[:-1] = place
         if not self.compute(SOLVE, True, _LEAST_RESIDUAL, RESIDUAL_TOLERANCE)[0]:
             return None
         return self.solution(self.parameters)
 
     def solution(self, rig: RigParameters) -> Solution:
         """Return the solution that the kernels have reached, of a rig."""
-        table, marks = self.arrays.table, self.arrays.marks.tolist()
-        history, size = self.arrays.history.tolist(), int(marks[SIZE])
+        table, sheet = self.arrays.table.copy(), self.arrays.sheet
+        marks, history = sheet[MARKS].tolist(), sheet[HISTORY].tolist()
         return Solution(
             problem=self,
             parameters=rig,
-            cycle=math.tau / float(self.arrays.rig[FIRST_LINE + 1]),
-            states=table[:, :4].copy(),
-            instants=table[:, INSTANT].copy(),
-            before=np.roll(table[:, END : END + 4], 1, axis=0),
-            spans=table[:, SPAN].tolist(),
+            cycle=math.tau / float(self.rig[FIRST_LINE + 1]),
+            table=table,
             residual=marks[RESIDUAL],
             history=tuple(history[: history.index(-1.0)]),
-            monodromy=self.arrays.frames[0, :size, :size].copy(),
-            faults=self.arrays.faults.copy(),
+            multipliers=multipliers_of_map(np.array(marks[MAP : MAP + 16]), int(marks[SIZE])),
             viable=marks[VIABLE] > 0.0,
             x_max=marks[X_MAX],
         )
@@ -317,32 +334,37 @@ class Solution:
     problem: PeriodicProblem
     parameters: RigParameters
     cycle: float  # of the force, s
-    #: X (m), X' (m/s), Y from the stop hit last (m) and Y' (m/s) just after each node, (n, 4)
-    states: Array
-    instants: Array  # of the nodes on the force's clock, s
-    before: Array  # the states just before the nodes, (n, 4)
-    spans: list[float]  # durations of the flights after the nodes, s
+    table: Array  # the flights, as `closed_flights` has them
     residual: float  # the largest, relative to the displacements
     history: tuple[float, ...]  # the residual before each Newton step and at the end
-    monodromy: Array
-    faults: Array
+    multipliers: tuple[complex, ...]  # four; those that belong to sticking or rest are zero
     viable: bool
     x_max: float
 
     @property
-    def reason(self) -> str:
-        """Why the rig cannot perform it; empty if it can."""
-        if self.viable:
-            return ''
-        return why_not_viable(self.problem.layout.nodes, self.faults, self.spans)
+    def states(self) -> Array:
+        """X (m), X' (m/s), Y from the stop hit last (m) and Y' (m/s) after each node, (n, 4)."""
+        states: Array = self.table[:, :4]
+        return states
 
     @property
-    def chatter_left(self) -> Array:
-        """How long the chatter after each node lasts, s."""
-        left: Array = self.faults[:, LEFT]
-        return left
+    def instants(self) -> Array:
+        """Instants of the nodes on the force's clock, s."""
+        instants: Array = self.table[:, INSTANT]
+        return instants
 
-    @cached_property
-    def multipliers(self) -> tuple[complex, ...]:
-        """The four multipliers; those that belong to sticking or rest are zero."""
-        return multipliers_of(self.monodromy) + (0j,) * (4 - len(self.monodromy))
+    @property
+    def before(self) -> Array:
+        """The states just before the nodes, (n, 4)."""
+        return np.roll(self.table[:, END : END + 4], 1, axis=0)
+
+    @property
+    def reason(self) -> str:
+        """Why the rig cannot perform it; empty if it can."""
+        return '' if self.viable else why_not_viable(self.problem.layout.nodes, self.table)
+
+
+def multipliers_of_map(entries: Array, size: int) -> tuple[complex, ...]:
+    """Return the four multipliers of a map with some free coordinates, row by row."""
+    free = entries.reshape(4, 4)[:size, :size]
+    return multipliers_of(free) + (0j,) * (4 - size)

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_number
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
@@ -37,7 +36,7 @@ from .flights import Machine, machine_of
 from .orbit import AT_IMPACTS, PeriodicOrbit
 from .periodic_problem import Solution
 from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solved
-from .starts import ImpactEquations, many_impact_roots, one_impact_roots, two_impact_roots
+from .starts import ImpactEquations, few_impact_roots, many_impact_roots
 
 #: Motions closer than this, relative to their size, are the same.
 SAME = 1e-7
@@ -124,9 +123,9 @@ class OrbitSearch:
 
 def _hits(solution: Solution) -> bool:
     """Return whether all impacts have a speed; motion without impacts solves the equations too."""
-    speed = np.abs(solution.before[:, 1]).max()
-    scale = max(solution.problem.length * math.tau / solution.cycle, float(speed))
-    return bool(np.abs(solution.before[:, 3]).min() > SAME * scale)
+    before = np.abs(solution.before)
+    scale = max(solution.problem.length * math.tau / solution.cycle, float(before[:, 1].max()))
+    return bool(before[:, 3].min() > SAME * scale)
 
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
@@ -177,10 +176,8 @@ def _theory(
     """Solve from all starts, or many, that the impact equations give."""
     report = StartReport(complete=not may_rest_or_reverse(machine_of(parameters), stops))
     equations = ImpactEquations(parameters, stops, cycles)
-    if equations.impacts == 1:
-        roots = one_impact_roots(equations)
-    elif equations.impacts == 2:
-        roots = two_impact_roots(equations)
+    if equations.impacts <= 2:
+        roots = few_impact_roots(equations)
     else:
         if starts is None:
             starts = STARTS_PER_INSTANT * (equations.impacts - 1)
@@ -256,9 +253,7 @@ def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | Non
     """Yield the motions of some cycles for which a rig leaves an unstable one, on either side."""
     rate = orbit.parameters.first_harmonic[1]
     for push in _PUSHES:
-        rig = after_impact(
-            orbit, orbit.parameters, push * orbit.x_max * rate, compiled=has_numba()
-        )
+        rig = after_impact(orbit, orbit.parameters, push * orbit.x_max * rate)
         yield from _settled_near(rig, orbit.instants[0], cycles)
 
 

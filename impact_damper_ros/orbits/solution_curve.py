@@ -9,10 +9,10 @@ method in a plane, so that the parameter may turn along the curve (Keller, 1977)
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,23 +27,44 @@ from impact_damper_ros.parameters.quoting import shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
 from .arclength import (
+    BRANCHING,
+    COORDINATES,
     CORRECT,
+    DOUBLING,
     ENOUGH,
+    FOLD,
     GO_ON,
+    KIND,
     LEAST_STEP,
+    LOCATE,
+    LOCATED,
     LOST,
+    MAP,
     NOT_VIABLE,
     ROOM,
     SHARPEST_TURN,
+    SIZE,
+    TORUS,
     VIABLE,
-    Trace,
+    X_MAX,
 )
 from .arguments import OrbitError, check_forcing, single_harmonic
-from .closed_flights import BEST_DERIVATIVE, GUESS, NORMAL, TANGENT
-from .orbit import PeriodicOrbit
+from .closed_flights import (
+    BEST_DERIVATIVE,
+    GUESS,
+    MARKS,
+    NORMAL,
+    PATH,
+    PLACE,
+    SLOPE,
+    SPAN,
+    TANGENT,
+)
+from .orbit import PeriodicOrbit, stability_of
 from .periodic_problem import (
     PeriodicProblem,
     Solution,
+    multipliers_of_map,
     numbers_of,
 )
 from .response import Array
@@ -209,12 +230,12 @@ class Steps:
 #: Rows of a trace: not too many steps for Ctrl-C.
 _ROWS = 64
 _AT_BOUND = 1e-12
-#: Error of a place between two points of a branch, as a share of their distance.
-LOCATED = 1e-9
 #: Change of a parameter over its scale by which numbers of a rig are differentiated, where they
 #: are no parameters themselves, and the error of the parameter at which they are taken.
 _CHANGE, _TAKEN = 1e-6, 1e-12
 _MOST_LOOKS = 12
+#: How often special points are located anew on a path of rigs that is no straight line.
+_AGAIN = 3
 
 
 def _own_numbers(name: str, parameters: RigParameters) -> list[int]:
@@ -230,24 +251,48 @@ def _own_numbers(name: str, parameters: RigParameters) -> list[int]:
     return [FIRST_LINE + line.index(name)] if own else []
 
 
-@dataclass(frozen=True, eq=False)
-class CurvePoint:
-    """A point of a branch: unknowns and scaled parameter, unit tangent, and the motion."""
+class BranchPoint:
+    """
+    A point of a branch; it can be unpacked to the parameter and the motion.
 
-    curve: SolutionCurve
-    place: Array
-    tangent: Array
-    marks: Array
+    Attributes
+    ----------
+    value : float
+        The parameter.
+    orbit : PeriodicOrbit
+        The motion there.
+    """
+
+    def __init__(self, curve: SolutionCurve, row: Array) -> None:
+        count = len(curve.start)
+        self.curve, self.row = curve, row
+        self.place, self.tangent = np.split(row[COORDINATES:], [count])
+        self.value = curve.value(self.place)
+        self.viable = bool(row[VIABLE] > 0.0)
+        self.x_max = float(row[X_MAX])
+
+    def __repr__(self) -> str:
+        """Return the point in a line."""
+        return f'BranchPoint(value={self.value!r}, orbit={self.orbit!r})'
+
+    def __iter__(self) -> Iterator[Any]:
+        """Yield the parameter and the motion."""
+        return iter((self.value, self.orbit))
+
+    @cached_property
+    def multipliers(self) -> tuple[complex, ...]:
+        """The multipliers, as those of an orbit."""
+        return multipliers_of_map(self.row[MAP : MAP + 16], int(self.row[SIZE]))
+
+    @cached_property
+    def modulus(self) -> float:
+        """The largest modulus of a multiplier."""
+        return abs(self.multipliers[0])
 
     @property
-    def value(self) -> float:
-        """The parameter."""
-        return self.curve.value(self.place)
-
-    @property
-    def viable(self) -> bool:
-        """Whether the rig can perform the motion."""
-        return bool(self.marks[VIABLE] > 0.0)
+    def performed(self) -> bool:
+        """Whether a rig can perform the motion, and keep to it."""
+        return self.viable and stability_of(self.modulus) != 'unstable'
 
     @cached_property
     def solution(self) -> Solution:
@@ -256,7 +301,7 @@ class CurvePoint:
 
     @cached_property
     def orbit(self) -> PeriodicOrbit:
-        """The motion."""
+        """The motion there."""
         return orbit_of(self.solution)
 
 
@@ -288,7 +333,7 @@ class SolutionCurve:
         name = along.path if isinstance(along.path, str) else ''
         self._own = _own_numbers(name, self.parameters)
         if self._own:
-            start, slope = numbers_of(self.parameters), np.zeros(len(self.problem.arrays.rig))
+            start, slope = numbers_of(self.parameters), np.zeros(len(self.problem.rig))
             start[self._own], slope[self._own] = 0.0, scale
             self.problem.set_path(start, slope)
         later = orbit.period * np.arange(times)[:, None]
@@ -296,7 +341,7 @@ class SolutionCurve:
             np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()
         )
         self.start: Array = np.append(unknowns, value / scale)
-        self._traces: dict[int, Trace] = {}
+        self._traces: dict[int, Array] = {}
 
     def _rig(self, value: float) -> RigParameters:
         rig = self.along.rig(self.parameters, value)
@@ -308,7 +353,7 @@ class SolutionCurve:
         """Return the numbers of the rig at a value of the parameter."""
         if not self._own:
             return numbers_of(self._rig(value))
-        start, slope = self.problem.arrays.path
+        start, slope = self.problem.arrays.sheet[[PATH, SLOPE], : len(self.problem.rig)]
         numbers: Array = start + value / self.scale * slope
         return numbers
 
@@ -329,10 +374,10 @@ class SolutionCurve:
         bounds = self.along.bounds
         return next((b for b in bounds if abs(value - b) <= _AT_BOUND * self.scale), value)
 
-    def without_meeting(self, point: CurvePoint) -> Guess | None:
+    def without_meeting(self, point: BranchPoint) -> Guess | None:
         """Return a guess without the two closest events of a point; None if it needs them."""
         solution, nodes = point.solution, self.problem.nodes
-        first = int(np.argmin(solution.spans))
+        first = int(np.argmin(solution.table[:, SPAN]))
         pair = [first, (first + 1) % len(nodes)]
         kinds = {nodes[j].kind for j in pair}
         if EventKind.IMPACT in kinds or nodes[first - 1].mode != nodes[pair[1]].mode:
@@ -343,10 +388,10 @@ class SolutionCurve:
     def null_direction(self) -> Array:
         """Return the unknowns' direction in which the equations change least at the start."""
         self._solve(self.start, np.append(np.zeros(len(self.start) - 1), 1.0), math.inf)
-        by_unknowns = self.problem.arrays.matrices[BEST_DERIVATIVE, :-1, :-1]
+        by_unknowns = self.problem.matrix(BEST_DERIVATIVE)[:-1, :-1]
         return np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
 
-    def solution_at(self, point: CurvePoint) -> Solution:
+    def solution_at(self, point: BranchPoint) -> Solution:
         """Return the solution at a point of the curve, with its residuals on the way there."""
         self._solve(point.place, point.tangent, ENOUGH)
         return self.problem.solution(self._rig(point.value))
@@ -361,7 +406,7 @@ class SolutionCurve:
                 # At the edge of the admissible range, from within
                 sides.append((0.0, here))
         (ahead, one), (behind, other) = sides
-        if len(here) != len(self.problem.arrays.rig):
+        if len(here) != len(self.problem.rig):
             raise OrbitError(
                 f'the number of harmonics changes along {self.along.name}: give a range in which '
                 'it does not'
@@ -371,22 +416,23 @@ class SolutionCurve:
 
     def _solve(self, guess: Array, normal: Array, enough: float) -> bool:
         """Solve in the plane through a guess; return whether there is a solution."""
-        problem, arrays = self.problem, self.problem.arrays
+        problem, sheet = self.problem, self.problem.arrays.sheet
         in_order = not self.performed(float(guess[-1]) * self.scale)
-        arrays.vectors[NORMAL], arrays.vectors[GUESS] = normal, guess
+        aim = sheet[GUESS, : len(guess)]
+        sheet[NORMAL, : len(guess)], aim[:] = normal, guess
         for _ in range(_MOST_LOOKS):
-            taken = float(arrays.vectors[GUESS, -1])
+            taken = float(aim[-1])
             if not self._own:
                 self._lay_path(taken * self.scale)
             if not problem.compute(CORRECT, in_order, enough, 0.0)[0]:
                 return False
-            if self._own or abs(float(arrays.place[-1]) - taken) <= _TAKEN:
+            if self._own or abs(float(problem.place[-1]) - taken) <= _TAKEN:
                 return True
             # In the same plane, nearer
-            arrays.vectors[GUESS] = arrays.place
+            aim[:] = problem.place
         return False
 
-    def correct(self, guess: Array, normal: Array) -> CurvePoint | None:
+    def correct(self, guess: Array, normal: Array) -> BranchPoint | None:
         """Return the point of the curve in the plane through a guess, or None."""
         try:
             if not self._solve(guess, normal, ENOUGH):
@@ -394,70 +440,99 @@ class SolutionCurve:
         except ParameterError:
             return None
         least, most = self.along.bounds[-2:]
-        if self._own and not least <= self.value(self.problem.arrays.place) <= most:
+        if self._own and not least <= self.value(self.problem.place) <= most:
             return None
-        arrays = self.problem.arrays
-        tangent, marks = arrays.vectors[TANGENT].copy(), arrays.marks.copy()
-        return CurvePoint(self, arrays.place.copy(), tangent, marks)
+        sheet, count = self.problem.arrays.sheet, len(guess)
+        noted = sheet[MARKS, :KIND], np.zeros(COORDINATES - KIND)
+        return BranchPoint(
+            self, np.concatenate([*noted, sheet[PLACE, :count], sheet[TANGENT, :count]])
+        )
 
-    def _point(self, trace: Trace, row: int) -> CurvePoint:
-        rows = trace.places[row], trace.tangents[row], trace.marks[row]
-        return CurvePoint(self, *(part.copy() for part in rows))
+    def _in_order(self, value: float) -> bool:
+        """Return whether the instants are kept in order at the nearest value of the range."""
+        return not self.performed(min(max(value, self.along.low), self.along.high))
 
     def steps_from(
-        self, here: CurvePoint, step: float, most: int
-    ) -> tuple[list[CurvePoint], int, float]:
+        self, here: BranchPoint, step: float, most: int
+    ) -> tuple[list[BranchPoint], int, float]:
         """
         Step along the curve from a point on.
 
-        Returns the points, why the steps end, as `arclength.step_along`, and the next step.
+        Returns the points, special ones among them, why the steps end, as
+        `arclength.step_along`, and the next step.
         """
         along, problem = self.along, self.problem
-        rows = min(_ROWS, most + 1) if self._own else 2
+        rows = min(_ROWS, most) if self._own else 1
         trace = self._traces.setdefault(rows, problem.trace_of(rows))
-        trace.places[0], trace.tangents[0] = here.place, here.tangent
-        trace.step[:] = step, along.largest_step
-        ahead = float(here.place[-1] + step * here.tangent[-1]) * self.scale
-        in_order = not self.performed(min(max(ahead, along.low), along.high))
+        trace[0], trace[-1, :3] = here.row, (step, along.largest_step, len(self._own))
+        in_order = self._in_order(float(here.place[-1] + step * here.tangent[-1]) * self.scale)
         if not self._own:
             self._lay_path(here.value)
         low, high = along.low / self.scale, along.high / self.scale
         ended, last = problem.compute(GO_ON, in_order, low, high, trace)
-        points = [self._point(trace, row) for row in range(1, last + 1)]
+        points = [BranchPoint(self, row) for row in trace[1 : last + 1].copy()]
+        step_after = float(trace[-1, 0])
         if self._own or not points:
-            return points, ended, float(trace.step[0])
+            return points, ended, step_after
         # From the tangent to the path of rigs to that itself
-        point = self.correct(points[0].place, problem.arrays.vectors[NORMAL].copy())
+        normal = problem.arrays.sheet[NORMAL, : len(here.place)].copy()
+        point = self.correct(points[0].place, normal)
         if point is None or float(point.tangent @ here.tangent) < SHARPEST_TURN:
             return [], LOST if step < LEAST_STEP * along.largest_step else ROOM, 0.5 * step
         if ended in (ROOM, NOT_VIABLE):
             ended = ROOM if point.viable or in_order else NOT_VIABLE
-        return [point], ended, float(trace.step[0])
+        between = [] if ended == NOT_VIABLE else self.between(here, point)
+        return [*between, point], ended, step_after
 
-    def at_value(self, guess: Array, value: float, upwards: float) -> CurvePoint | None:
+    def between(self, here: BranchPoint, there: BranchPoint) -> list[BranchPoint]:
+        """Return the special points between two points, as `arclength.add_special_points`."""
+        if self._own:
+            return self._located(here, there)
+        tests = [VIABLE, FOLD, DOUBLING, TORUS, BRANCHING]
+        if not (here.row[tests] * there.row[tests] < 0.0).any():
+            return []
+        self._lay_path(0.5 * (here.value + there.value))
+        points = self._located(here, there)
+        # Each again, where the path is tangent to that of the rigs there
+        for _ in range(_AGAIN):
+            for k, point in enumerate(points):
+                self._lay_path(point.value)
+                closer = self._located(here, there)
+                alike = (p for p in closer if p.row[KIND] == point.row[KIND])
+                points[k] = min(alike, key=partial(_apart, point), default=point)
+        return points
+
+    def _located(self, here: BranchPoint, there: BranchPoint) -> list[BranchPoint]:
+        trace = self._traces.setdefault(1, self.problem.trace_of(1))
+        trace[0], trace[1] = here.row, there.row
+        in_order = self._in_order(there.value)
+        _, last = self.problem.compute(LOCATE, in_order, 0.0, 0.0, trace)
+        return [BranchPoint(self, row) for row in trace[1:last].copy()]
+
+    def at_value(self, guess: Array, value: float, upwards: float) -> BranchPoint | None:
         """Return the point at a value of the parameter near a guess, or None."""
         guess, normal = guess.copy(), np.zeros_like(guess)
         guess[-1], normal[-1] = value / self.scale, math.copysign(1.0, upwards)
         return self.correct(guess, normal)
 
 
+def _apart(one: BranchPoint, other: BranchPoint) -> float:
+    return float(np.linalg.norm(one.place - other.place))
+
+
 class Piece(NamedTuple):
     """A part of a curve between two neighbouring points of a branch."""
 
     curve: SolutionCurve
-    start: CurvePoint
-    end: CurvePoint
-    #: What changes where the rig leaves the curve before the second one, if it does; and whether
-    #: the branch turns back there.
-    change: str = ''
-    turns: bool = False
+    start: BranchPoint
+    end: BranchPoint
 
     @property
     def values(self) -> tuple[float, float]:
         """The parameter at both ends."""
-        return self.curve.value(self.start.place), self.curve.value(self.end.place)
+        return self.start.value, self.end.value
 
-    def at(self, share: float) -> CurvePoint | None:
+    def at(self, share: float) -> BranchPoint | None:
         """Return the point where the chord between both has a normal plane."""
         chord = self.end.place - self.start.place
         length = float(np.linalg.norm(chord))
@@ -465,7 +540,7 @@ class Piece(NamedTuple):
             return self.end if share >= 1.0 else self.start
         return self.curve.correct(self.start.place + share * chord, chord / length)
 
-    def at_value(self, value: float) -> CurvePoint | None:
+    def at_value(self, value: float) -> BranchPoint | None:
         """Return the point at a value of the parameter between those of both points."""
         from scipy.optimize import brentq
 

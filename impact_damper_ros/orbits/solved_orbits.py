@@ -28,6 +28,7 @@ from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .periodic_problem import Node, PeriodicProblem, Solution, impact_nodes, last_stops
 from .response import Array
 from .transmissibility import Transmissibility
+from .viability import LEFT
 
 #: Most events of a period.
 MOST_EVENTS = 2000
@@ -117,9 +118,7 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     return Guess(nodes, states, instants)
 
 
-def after_impact(
-    orbit: PeriodicOrbit, parameters: RigParameters, push: float = 0.0, *, compiled: bool = False
-) -> Rig:
+def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 0.0) -> Rig:
     """Return a rig just after the first impact of a motion, M faster before it by some m/s."""
     velocity = orbit.primary_velocity_before[0] + push
     damper_velocity = orbit.damper_velocity_before[0]
@@ -132,7 +131,7 @@ def after_impact(
         damper_velocity,
     )
     struck = there.struck(velocity, damper_velocity - velocity)
-    return rig_on(struck, parameters, compiled=compiled)
+    return rig_on(struck, parameters)
 
 
 def flights_of(orbit: PeriodicOrbit) -> Flights:
@@ -228,7 +227,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
         for column, value in zip(columns.values(), row, strict=True):
             column.append(value)
         if node.resting:
-            rest = ((instant + solution.chatter_left[j]) / cycle - whole) % cycles
+            rest = ((instant + float(solution.table[j, LEFT])) / cycle - whole) % cycles
             events.append(OrbitEvent(EventKind.REST, node.stop, rest))
     return PeriodicOrbit(
         parameters=rig,
@@ -247,13 +246,21 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
 
 def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
     """Return the motion that Newton's method leads to from a guess, if the rig can perform it."""
+    reached = _solved(parameters, guess, cycles)
+    return None if reached is None else reached[0]
+
+
+def _solved(
+    parameters: RigParameters, guess: Guess, cycles: int
+) -> tuple[PeriodicOrbit, Guess] | None:
+    """Return the same with its nodes, states and instants."""
     for _ in range(_MOST_LOOKS):
         solution = PeriodicProblem(parameters, guess.nodes, cycles).solve(*guess[1:])
         if solution is None:
             return None
         orbit = orbit_of(solution)
         if orbit.viable:
-            return orbit
+            return orbit, Guess(guess.nodes, solution.states, solution.instants)
         again = _guess_performed(orbit, parameters)
         if again is None or again.nodes == guess.nodes:
             return None
@@ -267,10 +274,16 @@ def _counted_as(orbit: PeriodicOrbit, other: PeriodicOrbit | None) -> PeriodicOr
     return None if turned is None else turned[0]
 
 
-def performed(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
+def performed(
+    orbit: PeriodicOrbit, parameters: RigParameters
+) -> tuple[PeriodicOrbit, Guess] | None:
     """Return the motion near a solution, with the same stops, that a rig performs, or None."""
     guess = _guess_performed(orbit, parameters)
-    return None if guess is None else _counted_as(orbit, solved(parameters, guess, orbit.cycles))
+    reached = None if guess is None else _solved(parameters, guess, orbit.cycles)
+    if reached is None:
+        return None
+    counted = _counted_as(orbit, reached[0])
+    return None if counted is None else (counted, reached[1])
 
 
 def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
@@ -282,7 +295,10 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     """
     guess = guess_on(orbit)
     other = None if guess is None else solved(parameters, guess, orbit.cycles)
-    return _counted_as(orbit, other) or performed(orbit, parameters)
+    counted = _counted_as(orbit, other)
+    if counted is None and (there := performed(orbit, parameters)) is not None:
+        counted = there[0]
+    return counted
 
 
 #: Angles of harmonics that differ by less, rad, differ by round-off.

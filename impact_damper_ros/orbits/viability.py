@@ -35,7 +35,17 @@ from impact_damper_ros.motion.oscillator import POINTS
 from impact_damper_ros.motion.state import FIRST_LINE, FREE, STICK, Moving
 from impact_damper_ros.motion.transition import strike
 
-from .closed_flights import CYCLES, END, SPAN, NodeRow, Problem, begin_at
+from .closed_flights import (
+    CYCLES,
+    END,
+    FAULTS,
+    RIG,
+    SPAN,
+    UNITS,
+    NodeRow,
+    Problem,
+    begin_at,
+)
 
 #: How much earlier than assumed, as a share of the period, an impact counts as another one.
 _TIME_TOLERANCE = 1e-7
@@ -45,7 +55,7 @@ _CYCLE = 6.283185307179586
 _BEYOND = 1e-5
 #: Columns of the faults: what is wrong, the kind of event or the mode there, when, s, and by how
 #: much; and how long a chatter lasts, s.
-FAULT, THERE, WHEN, MUCH, LEFT = range(5)
+FAULT, THERE, WHEN, MUCH, LEFT = range(FAULTS, FAULTS + 5)
 #: What is wrong: nothing; events in another order; an impact from beyond the stop; what m does
 #: after an impact, and after it has stopped; and an event in a flight.
 RIGHT, ORDER, FROM_BEYOND, AFTER_IMPACT, AFTER_STOP, IN_FLIGHT = range(6)
@@ -108,7 +118,7 @@ def is_expected(kind: int, node: NodeRow) -> bool:
 @kernel
 def judge_node(problem: Problem, j: int) -> bool:
     """Judge what m does just after a node, and return whether it is as assumed."""
-    moving, node, fault = problem.moving, problem.nodes[j], problem.faults[j]
+    moving, node, fault = problem.moving, problem.nodes[j], problem.table[j]
     run = moving.run
     begin_at(moving, node, problem.table[j])
     if node.kind == IMPACT:
@@ -141,7 +151,7 @@ def judge_node(problem: Problem, j: int) -> bool:
 @kernel
 def judge_flight(problem: Problem, j: int, tolerance: float) -> None:
     """Judge the flight after a node by its first event."""
-    moving, node, fault = problem.moving, problem.nodes[j], problem.faults[j]
+    moving, node, fault = problem.moving, problem.nodes[j], problem.table[j]
     run = moving.run
     span = problem.table[j, SPAN]
     begin_at(moving, node, problem.table[j])
@@ -173,20 +183,25 @@ def judge(problem: Problem) -> tuple[bool, float]:
     """Write the faults of known flights; return whether there are none, and the largest |X|."""
     moving, table = problem.moving, problem.table
     count = len(problem.nodes)
-    tolerance = _TIME_TOLERANCE * _CYCLE * problem.units[CYCLES] / problem.rig[FIRST_LINE + 1]
+    tolerance = (
+        _TIME_TOLERANCE
+        * _CYCLE
+        * problem.sheet[UNITS, CYCLES]
+        / problem.sheet[RIG, FIRST_LINE + 1]
+    )
     viable = True
     ordered = True
     for j in range(count):
-        for k in range(5):
-            problem.faults[j, k] = 0.0
+        for k in range(FAULTS, FAULTS + 5):
+            table[j, k] = 0.0
         ordered = ordered and table[j, SPAN] > 0.0
     if not ordered:
-        problem.faults[0, FAULT] = ORDER
+        table[0, FAULT] = ORDER
     largest = 0.0
     for j in range(count):
         if ordered and judge_node(problem, j):
             judge_flight(problem, j, tolerance)
-        viable = viable and problem.faults[j, FAULT] == RIGHT
+        viable = viable and table[j, FAULT] == RIGHT
         begin_at(moving, problem.nodes[j], table[j])
         begin_next_flight(moving)
         low, high = extremes(moving, max(0.0, table[j, SPAN]), False)
@@ -194,8 +209,9 @@ def judge(problem: Problem) -> tuple[bool, float]:
     return viable, largest
 
 
-def _fault_at(nodes: Sequence[NodeRow], j: int, fault: Any, spans: Sequence[float]) -> str:
+def _fault_at(nodes: Sequence[NodeRow], j: int, table: Any) -> str:
     """Return a fault of a node, or of the flight after it, in words."""
+    fault = table[j]
     node, what, much = nodes[j], int(fault[FAULT]), float(fault[MUCH])
     if what == ORDER:
         return 'events would come in another order'
@@ -220,7 +236,7 @@ def _fault_at(nodes: Sequence[NodeRow], j: int, fault: Any, spans: Sequence[floa
     since, before = float(fault[WHEN]), j
     while nodes[before].kind != IMPACT:
         before -= 1
-        since += spans[before]
+        since += float(table[before, SPAN])
     to = next(n.stop for n in (*nodes[j + 1 :], *nodes[: j + 1]) if n.kind == IMPACT)
     route = f'between the impacts on stop {node.last} and stop {to}'
     when = f'{since:.6g} s after the former'
@@ -236,7 +252,7 @@ def _fault_at(nodes: Sequence[NodeRow], j: int, fault: Any, spans: Sequence[floa
     return f'm would pass stop {hit} by {much:.4g} m {route}, first {when}: another impact'
 
 
-def why_not_viable(nodes: Sequence[NodeRow], faults: Any, spans: Sequence[float]) -> str:
+def why_not_viable(nodes: Sequence[NodeRow], table: Any) -> str:
     """Return why the rig cannot perform a motion; empty if it can."""
-    wrong = (j for j, fault in enumerate(faults) if fault[FAULT] != RIGHT)
-    return '; '.join(_fault_at(nodes, j, faults[j], spans) for j in wrong)
+    wrong = (j for j, fault in enumerate(table[:, FAULT]) if fault != RIGHT)
+    return '; '.join(_fault_at(nodes, j, table) for j in wrong)

@@ -37,7 +37,7 @@ from impact_damper_ros.control.controller import (
 from impact_damper_ros.control.own_law import law_failed
 from impact_damper_ros.control.record import Action, ActRow
 from impact_damper_ros.control.state import Control, ControlSettings, Estimates, Measurement
-from impact_damper_ros.motion.compiled import compiled, dtype_of, kernel
+from impact_damper_ros.motion.compiled import compiled, dtype_of, kernel, only_row
 from impact_damper_ros.motion.event import (
     ROWS_AT_ONCE,
     STOP_ARRIVED,
@@ -488,13 +488,13 @@ def run_each(
 
     From its start, if `anew`: its events are not kept then, and `log` is where its control finds
     what the stops do. Rigs with one harmonic have a row of waves each, not an array: their code
-    has no loop over harmonics, as a tuple has a fixed length.
+    has no loop over harmonics, as their number is known.
     """
     constants, lines, runs = rigs
     for k in range(len(waves)):
         run = runs[k]
         if waves.ndim == 1:
-            wave = (waves[k],)
+            wave = only_row(waves, k)
         else:
             wave = waves[k]
         if controls is None:

@@ -38,6 +38,7 @@ from impact_damper_ros.orbits.closed_flights import (
     write_equations,
 )
 from impact_damper_ros.orbits.flights import flight_at, machine_of
+from impact_damper_ros.orbits.impact_equations import set_laws, write_velocities
 from impact_damper_ros.orbits.periodic_problem import (
     Node,
     PeriodicProblem,
@@ -45,7 +46,6 @@ from impact_damper_ros.orbits.periodic_problem import (
     numbers_of,
 )
 from impact_damper_ros.orbits.solved_orbits import guess_on
-from impact_damper_ros.orbits.starts import write_velocities
 
 RIG = RigParameters(
     friction=0.3,
@@ -103,26 +103,26 @@ def problem_of(pattern, rig=RIG):
     """Return a problem at unknowns that solve nothing, with events in order."""
     problem = PeriodicProblem(rig, PATTERNS[pattern], 2)
     arrays = problem.arrays
-    set_rig(arrays.moving.constants, arrays.moving.lines, arrays.rig)
+    set_rig(arrays.moving.constants, arrays.moving.lines, problem.rig)
     rng = np.random.default_rng(1)
     n = len(problem.nodes)
     states = 3.0 * rng.normal(size=(n, 4))
     instants = np.sort(rng.uniform(0.0, problem.period, n))
-    arrays.place[:-1] = problem.unknowns(states, instants)
+    problem.place[:-1] = problem.unknowns(states, instants)
     return problem
 
 
 def equations_at(problem):
     """Return the residual and its derivative."""
-    arrays = problem.arrays
-    write_equations(arrays, True)
-    return arrays.vectors[VALUE, :-1].copy(), arrays.matrices[DERIVATIVE, :-1, :-1].copy()
+    write_equations(problem.arrays, True)
+    values = problem.arrays.sheet[VALUE, : len(problem.place) - 1].copy()
+    return values, problem.matrix(DERIVATIVE)[:-1, :-1].copy()
 
 
 @pytest.mark.parametrize('pattern', PATTERNS)
 def test_the_derivative_is_that_of_the_residual(pattern):
     problem = problem_of(pattern)
-    place = problem.arrays.place
+    place = problem.place
     _, jacobian = equations_at(problem)
     for k in range(len(place) - 1):
         here = place[k]
@@ -140,22 +140,21 @@ def test_the_derivative_is_that_of_the_residual(pattern):
 def test_the_derivative_by_a_parameter(pattern, name):
     """That along a path of rigs is that of the residuals of rigs on both sides."""
     problem = problem_of(pattern)
-    arrays = problem.arrays
     value, sides, numbers = value_of(RIG, name), [], []
-    place, step = arrays.place.copy(), 1e-5
+    place, step = problem.place.copy(), 1e-5
     for move in (step, -step):
         other = PeriodicProblem(with_value(RIG, name, value + move), problem.nodes, 2)
-        set_rig(other.arrays.moving.constants, other.arrays.moving.lines, other.arrays.rig)
+        set_rig(other.arrays.moving.constants, other.arrays.moving.lines, other.rig)
         # The length may change with the parameter.
-        other.arrays.units[:2] = arrays.units[:2]
-        other.arrays.place[:] = place
+        other.units[:2] = problem.units[:2]
+        other.place[:] = place
         sides.append(equations_at(other)[0])
-        numbers.append(other.arrays.rig)
+        numbers.append(other.rig)
     slope = (numbers[0] - numbers[1]) / (2.0 * step)
     problem.set_path(numbers_of(RIG) - value * slope, slope)
-    arrays.place[-1] = value
-    add_parameter(arrays)
-    by_value = arrays.matrices[DERIVATIVE, :-1, -1]
+    problem.place[-1] = value
+    add_parameter(problem.arrays)
+    by_value = problem.matrix(DERIVATIVE)[:-1, -1]
     size = max(1.0, np.abs(by_value).max())
     assert by_value == pytest.approx((sides[0] - sides[1]) / (2.0 * step), abs=1e-6 * size)
 
@@ -188,10 +187,10 @@ def test_the_way_of_a_short_bounce_keeps_its_digits():
     bounce = Node(EventKind.IMPACT, 1, 0)
     problem = PeriodicProblem(VERTICAL, (bounce, bounce), 1)
     arrays = problem.arrays
-    set_rig(arrays.moving.constants, arrays.moving.lines, arrays.rig)
+    set_rig(arrays.moving.constants, arrays.moving.lines, problem.rig)
     states = np.array([[5.0, -3.0, 0.0, -1e-6], [4.0, 2.0, 0.0, -1.0]])
     instants = np.array([0.1, 0.1 + 1e-8 * problem.period])
-    arrays.place[:-1] = problem.unknowns(states, instants)
+    problem.place[:-1] = problem.unknowns(states, instants)
     fly_all(arrays)
     flight = flight_at(machine_of(VERTICAL), 0.1, 5.0, -3.0, 0.0, -1e-6, 0, 1)
     motion = flight.motion(float(instants[1] - instants[0]))
@@ -211,7 +210,7 @@ def test_flights_lead_to_where_the_impact_equations_say():
         equations = ImpactEquations(there, stops, cycles)
         problem = PeriodicProblem(there, impact_nodes(stops), cycles)
         arrays = problem.arrays
-        set_rig(arrays.moving.constants, arrays.moving.lines, arrays.rig)
+        set_rig(arrays.moving.constants, arrays.moving.lines, problem.rig)
         rng = np.random.default_rng(1)
         n = len(stops)
         x = 3.0 * rng.normal(size=n)
@@ -220,14 +219,15 @@ def test_flights_lead_to_where_the_impact_equations_say():
         rows = equations.linear_system(instants - instants[0])
         vector = np.concatenate([x, [math.cos(phase), math.sin(phase), 1.0]])
         states = equations.states(x, instants)
-        arrays.place[:-1] = problem.unknowns(states, instants)
+        problem.place[:-1] = problem.unknowns(states, instants)
         fly_all(arrays)
         end = arrays.table[:, END]
         assert np.roll(x, -1) - end == pytest.approx((rows @ vector)[:n], abs=1e-12)
         # The velocities of the kernel that corrects starts are the same ones.
-        arrays.place[1::4] = 0.0
-        write_velocities(arrays, equations.columns())
-        assert arrays.place[:-1] == pytest.approx(problem.unknowns(states, instants), abs=1e-12)
+        problem.place[1::4] = 0.0
+        set_laws(arrays)
+        write_velocities(arrays)
+        assert problem.place[:-1] == pytest.approx(problem.unknowns(states, instants), abs=1e-12)
 
 
 @pytest.mark.parametrize('gap', [16.0, 20.0])

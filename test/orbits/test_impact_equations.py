@@ -10,6 +10,7 @@ from impact_damper_ros import (
     find_orbits,
     plausible_stops,
 )
+from impact_damper_ros.orbits import arguments
 
 LEVEL = RigParameters(gravity=0.0)
 
@@ -73,6 +74,15 @@ def test_plausible_stops(impacts, expected):
 def test_stop_sequences(stops):
     with pytest.raises(OrbitError, match=r'stop sequence .*: give the stops hit in one period'):
         find_orbits(LEVEL, stops)
+
+
+def test_a_parameter_that_does_not_enter_the_equations(monkeypatch):
+    monkeypatch.setattr(arguments, 'UNKNOWN', ('air_force',))
+    assert find_orbits(LEVEL, (1, 2)).orbits
+    with pytest.raises(OrbitError, match=r'air_force is 0.1: .* does not know it, give 0.0'):
+        find_orbits(LEVEL.replace(air_force=0.1), (1, 2))
+    monkeypatch.undo()
+    assert arguments.UNKNOWN == ()
 
 
 @pytest.mark.parametrize('frequency', [1e-300, 1e-9])
