@@ -263,12 +263,12 @@ def _part_compiler() -> Any:
 
 
 @cache
-def _entry_compiler() -> Any:
+def _entry_compiler(alone: bool) -> Any:
     """
     Return the compiler of kernels that Python calls.
 
-    All kernels below one are linked into it once, and are seen nowhere else: what is the same in
-    all their calls is known where they are compiled.
+    All kernels below one are linked into it once. If they are seen there alone, what is the same
+    in all their calls is known where they are compiled, which takes longer.
     """
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import Compiler
@@ -282,7 +282,7 @@ def _entry_compiler() -> Any:
 
         def _optimize_final_module(self) -> None:
             for function in self._final_module.functions:
-                if function.linkage.name == 'linkonce_odr':
+                if alone and function.linkage.name == 'linkonce_odr':
                     function.linkage = 'internal'
             super()._optimize_final_module()
 
@@ -388,7 +388,7 @@ def _dispatcher(name: str) -> Any:
         error_model='numpy',
         cache=keep is not None,
         _nrt=False,
-        pipeline_class=_entry_compiler(),
+        pipeline_class=_entry_compiler('only_row' in code.co_names),
     )
 
 

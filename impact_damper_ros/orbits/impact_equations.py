@@ -378,11 +378,13 @@ def look(problem: Problem, share: float) -> tuple[float, float]:
 @kernel
 def share_of(number: int, points: int) -> float:
     """Return a place of the scan as a share of the period; closer to each other at both ends."""
-    if number < _CLOSE_PLACES:
-        return 0.5 / points * 0.5 ** (_CLOSE_PLACES - number)
-    if number < _CLOSE_PLACES + points:
-        return (number - _CLOSE_PLACES + 0.5) / points
-    return 1.0 - 0.5 / points * 0.5 ** (number - _CLOSE_PLACES - points + 1)
+    inside = number - _CLOSE_PLACES
+    if 0 <= inside < points:
+        return (inside + 0.5) / points
+    share = 0.5 / points
+    for _ in range(-inside if inside < 0 else inside - points + 1):
+        share *= 0.5
+    return share if inside < 0 else 1.0 - share
 
 
 @kernel
