@@ -132,8 +132,9 @@ def chatter():
 def condition(rig, second):
     """Return C^2 + S^2 - W^2 of the unit vector that the linear equations leave."""
     equations = ImpactEquations(rig, (1, 2), 1)
-    rows = equations.linear_system(np.stack([0.0 * second, second * equations.period], -1))
-    rows[..., :2] *= equations.length
+    instants = np.stack([0.0 * second, second * equations.period], -1)
+    rows = np.array([equations.linear_system(pair) for pair in instants])
+    rows[..., :2] *= equations.problem.length
     rows /= np.abs(rows).max(axis=-1, keepdims=True)
     vector = np.linalg.svd(rows)[2][:, -1]
     return vector[:, 2] ** 2 + vector[:, 3] ** 2 - vector[:, 4] ** 2
