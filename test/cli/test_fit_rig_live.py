@@ -85,7 +85,7 @@ def test_a_live_rig_is_fitted(tmp_path, capsys):
     assert 'live, /bench/joint_states' in found['source']
     if code == 0:
         for name, one in found['parameters'].items():
-            true = getattr(RIG, name)
+            (true,) = np.atleast_1d(getattr(RIG, name))
             assert one['value'] == pytest.approx(true, rel=1e-3, abs=1e-4), name
     else:
         # A machine that stood still has lost samples

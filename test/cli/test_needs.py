@@ -29,6 +29,7 @@ VALUES = {
     'LOW:HIGH': '0.5:2',
     'NAME=VALUE': 'gap=1',
     'NAME=LOW:HIGH': 'gap=1:2',
+    'NAME=PERCENT': 'damper_mass=2%',
     'TIME:NAME=VALUE': '1:gap=1',
     'MODULE:FUNCTION': 'a:b',
 }

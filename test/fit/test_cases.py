@@ -17,7 +17,7 @@ def fitted(name, rig, impacts=None, **options):
     reading = ReadingOptions()
     if impacts is not None:
         reading = ReadingOptions(impacts=CASES / impacts, impact_deviation=5e-4)
-    data, _ = read_motion(CASES / f'{name}.zip', reading)
+    data = read_motion(CASES / f'{name}.zip', reading)
     return fit_rig(data, load_parameters(CASES / rig)[0], **options)
 
 
@@ -58,7 +58,7 @@ def test_an_acceleration_that_was_cut_out_of_a_motion():
     ('name', 'mass'), [('70_sweep', None), ('71_force_sweep', 2.0)], ids=['base', 'force']
 )
 def test_a_sweep_whose_force_or_base_is_noisy(name, mass):
-    data, _ = read_motion(CASES / f'{name}.zip', ReadingOptions())
+    data = read_motion(CASES / f'{name}.zip', ReadingOptions())
     found = fit_structure(data)
     assert found.accepted, found.reasons
     pairs = [(found.frequency, 5.07178), (found.damping_ratio, 0.011375)]
@@ -68,7 +68,7 @@ def test_a_sweep_whose_force_or_base_is_noisy(name, mass):
 
 
 def test_a_ring_down_with_the_damper_in_it():
-    data, _ = read_motion(CASES / 'ringdown_with_damper.zip', ReadingOptions())
+    data = read_motion(CASES / 'ringdown_with_damper.zip', ReadingOptions())
     found = fit_structure(data)
     assert not found.accepted
     assert 'is the damper still in it?' in found.reasons[0]
