@@ -19,6 +19,7 @@ import gc
 import hashlib
 import logging
 import os
+import secrets
 import sys
 import threading
 import types
@@ -168,7 +169,7 @@ _STAMP = 'kernels.py'
 
 def _digest() -> str:
     """Return a digest of what kernels do, comments and places apart, and of the compiler."""
-    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
+    parts: list[Any] = [sys.version, version('numba'), version('llvmlite'), 'parts by own names']
     for name, value in sorted(_namespace().items()):
         if not callable(value):
             parts.append((name, value))
@@ -281,9 +282,14 @@ def _entry_compiler(alone: bool) -> Any:
                     self.add_linking_library(part)
 
         def _optimize_final_module(self) -> None:
+            # numba numbers the functions of each process: parts that two processes kept may have
+            # the same name, and the loader would take the first one for both.
+            mark = secrets.token_hex(8)
             for function in self._final_module.functions:
-                if alone and function.linkage.name == 'linkonce_odr':
-                    function.linkage = 'internal'
+                if function.linkage.name == 'linkonce_odr':
+                    function.name += mark
+                    if alone:
+                        function.linkage = 'internal'
             super()._optimize_final_module()
 
     class EntryCompiler(Compiler):  # type: ignore[misc]

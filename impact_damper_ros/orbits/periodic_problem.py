@@ -247,14 +247,28 @@ class PeriodicProblem:
             places=layout.places.copy(),
             sheet=np.zeros((ROWS + 3 * size, max(size, len(rig), NEWTON_STEPS + 1))),
         )
-        sheet = self.arrays.sheet
-        self.rig, self.place, self.units = (
-            sheet[RIG, : len(rig)],
-            sheet[PLACE, :size],
-            sheet[UNITS],
-        )
+        self._sizes = len(rig), size
         self.rig[:] = rig
         self.units[:CONTACTS] = self.length, self.length * parameters.omega, cycles
+
+    # Views made when asked for: in an object that another process sent they would be copies.
+    @property
+    def rig(self) -> Array:
+        """The numbers of the rig."""
+        row: Array = self.arrays.sheet[RIG, : self._sizes[0]]
+        return row
+
+    @property
+    def place(self) -> Array:
+        """The unknowns, and the parameter along the path."""
+        row: Array = self.arrays.sheet[PLACE, : self._sizes[1]]
+        return row
+
+    @property
+    def units(self) -> Array:
+        """The units of the unknowns, the cycles, and what of the path is known."""
+        row: Array = self.arrays.sheet[UNITS]
+        return row
 
     def matrix(self, number: int) -> Array:
         """Return a matrix by the unknowns and the parameter, as the kernels have it."""

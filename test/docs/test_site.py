@@ -32,7 +32,9 @@ def site(tmp_path_factory):
         timeout=4.0 * DEADLINE_S,
         check=False,
     )
-    assert (done.returncode, done.stdout) == (0, '')
+    # Kernels that nobody has used yet are compiled, and that is reported
+    notices = [line for line in done.stdout.splitlines() if line and 'compiling the' not in line]
+    assert (done.returncode, notices) == (0, [])
     return place
 
 

@@ -5,9 +5,11 @@ import errno
 import inspect
 import math
 import os
+import re
 import subprocess
 import sys
 import textwrap
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -17,7 +19,7 @@ from running import until
 import impact_damper_ros.rig.loop as loop_module
 import impact_damper_ros.rig.rig as rig_module
 import impact_damper_ros.rig.run_result as run_result
-from impact_damper_ros import Rig
+from impact_damper_ros import Rig, find_orbits
 from impact_damper_ros.motion import compiled
 from impact_damper_ros.motion.flight import motion_at
 
@@ -70,6 +72,20 @@ def test_digest_depends_on_what_kernels_do(monkeypatch):
         digest_with(text, LIMIT=4.0),
     ]
     assert len({one, *others}) == 4
+
+
+def test_kept_kernels_share_no_names():
+    """The loader takes the first of two functions of one name, which another process compiled."""
+    pytest.importorskip('numba')
+    Rig(HORIZONTAL, compiled=True).run(9.0)
+    find_orbits(HORIZONTAL, (1, 2), simulate=False)
+    kept = list(compiled.stamp().parent.rglob('*.nbc'))
+    names = [
+        set(re.findall(rb'_ZN17impact_damper_ros[\w.$]+', file.read_bytes())) for file in kept
+    ]
+    assert len(kept) > 1
+    assert all(names)
+    assert not [one & other for one, other in combinations(names, 2) if one & other]
 
 
 def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypatch):

@@ -1,6 +1,8 @@
 """Branches of motions: their points, special and best ones, and where others leave them."""
 
 import math
+import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -87,6 +89,13 @@ def test_every_point_is_a_motion_of_its_rig(name, low, high):
         assert orbit.residual < 1e-11
         assert orbit.parameters == with_value(FRICTION, name, value)
         assert nearest_at(orbit, orbit.parameters, simulate=False).distance(orbit) < 1e-8
+
+
+def test_a_branch_that_another_process_sent(gaps):
+    along = partial(with_value, HORIZONTAL, 'gap')
+    sent = pickle.loads(pickle.dumps(follow(gaps.at(30.0)[0], along, 29.0, 40.0, start=30.0)))
+    (here,), (there,) = gaps.at(37.0), sent.at(37.0)
+    assert there.x_max == pytest.approx(here.x_max, rel=1e-9)
 
 
 def test_fold_of_the_vertical_rig(vertical):
