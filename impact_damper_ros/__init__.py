@@ -84,9 +84,9 @@ if TYPE_CHECKING:
     from .rig.order import Order as Order
     from .rig.rig import Outcome as Outcome, Rig as Rig, RunResult as RunResult
     from .rig.runaway import RunawayError as RunawayError
+    from .version import VERSION
 
-    #: That of package.xml and setup.py, which `catkin_prepare_release` raises together
-    __version__: str
+    __version__ = VERSION
 
 _NAMES, _find, __dir__ = lazy_names(__name__, __file__)
 __all__ = ['__version__', *_NAMES]
@@ -95,11 +95,6 @@ __all__ = ['__version__', *_NAMES]
 def __getattr__(name: str) -> object:
     if name != '__version__':
         return _find(name)
-    try:
-        # In a source tree, which may be installed as of an earlier version, or not at all
-        with open(f'{__path__[0]}/../package.xml', encoding='utf-8') as manifest:  # noqa: PTH123
-            return manifest.read().partition('<version>')[2].partition('<')[0]
-    except FileNotFoundError:
-        from importlib.metadata import version
+    from .version import VERSION
 
-        return version(__name__)
+    return VERSION

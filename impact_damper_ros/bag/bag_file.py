@@ -22,15 +22,15 @@ from pathlib import Path
 
 from mcap.writer import LIBRARY_IDENTIFIER, Writer
 
-from impact_damper_ros import __version__
 from impact_damper_ros.outputs import sync_directory
+from impact_damper_ros.version import VERSION
 
 from .errors import RecordingError
 from .metadata import FILE_NAME, BagMetadata, FileInformation, name_in_utf8
 from .topics import Channel
 
 PROFILE = 'ros2'
-LIBRARY = f'impact_damper_ros/{__version__} {LIBRARY_IDENTIFIER}'
+LIBRARY = f'impact_damper_ros/{VERSION} {LIBRARY_IDENTIFIER}'
 
 #: Bytes of messages after which a chunk is closed without waiting for the next flush.
 _CHUNK_SIZE = 768 * 1024
