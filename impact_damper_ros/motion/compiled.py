@@ -28,6 +28,7 @@ from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from inspect import unwrap
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints, overload
@@ -169,7 +170,7 @@ _STAMP = 'kernels.py'
 
 def _digest() -> str:
     """Return a digest of what kernels do, comments and places apart, and of the compiler."""
-    parts: list[Any] = [sys.version, version('numba'), version('llvmlite'), 'parts by own names']
+    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
     for name, value in sorted(_namespace().items()):
         if not callable(value):
             parts.append((name, value))
@@ -180,7 +181,20 @@ def _digest() -> str:
         constants = [value for value in code.co_consts if value != function.__doc__]
         parts += [name, name in _INLINE, function.__defaults__, constants]
         parts += [code.co_code, code.co_names, code.co_varnames]
+    # Code of the same kernels that is linked in another way is other code, too.
+    for maker in (_part_compiler, _entry_compiler, _compiled_only_row):
+        for code in _codes(unwrap(maker).__code__):
+            texts = [value for value in code.co_consts if not isinstance(value, types.CodeType)]
+            parts += [code.co_code, code.co_names, texts]
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
+
+
+def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
+    """Yield the code of a function, and of those inside it."""
+    yield code
+    for inner in code.co_consts:
+        if isinstance(inner, types.CodeType):
+            yield from _codes(inner)
 
 
 @cache
@@ -207,7 +221,7 @@ def _namespace() -> dict[str, Any]:
     """Return the globals that the kernels refer to, in one namespace."""
     namespace: dict[str, Any] = {}
     for function in _KERNELS.values():
-        for name in _names(function.__code__):
+        for name in (name for code in _codes(function.__code__) for name in code.co_names):
             value = function.__globals__.get(name, namespace)
             if value is namespace:
                 continue
@@ -217,13 +231,6 @@ def _namespace() -> dict[str, Any]:
                     f'{function.__module__} but {namespace[name]!r} elsewhere: rename one'
                 )
     return namespace
-
-
-def _names(code: types.CodeType) -> Iterator[str]:
-    yield from code.co_names
-    for inner in code.co_consts:
-        if isinstance(inner, types.CodeType):
-            yield from _names(inner)
 
 
 @cache

@@ -1,6 +1,8 @@
 """Motions known in advance: the design's values, closed forms and limits."""
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -127,3 +129,17 @@ def test_force_phase_shifts_the_phases_only():
     assert shifted.x == pytest.approx(plain.x, rel=1e-11)
     for a, b in zip(plain.phases, shifted.phases, strict=True):
         assert (a - b) % 1.0 == pytest.approx(0.7 / math.tau, abs=1e-12)
+
+
+def test_compiled_simulator_and_compiled_theory_in_one_process():
+    """Functions of the code loaded first once took the place of those in the code loaded next."""
+    pytest.importorskip('numba')
+    program = (
+        'from impact_damper_ros import Rig, find_orbits, load_parameters;'
+        'rig = load_parameters("bench_rig")[0];'
+        'Rig(rig, compiled=True).run(1.0);'
+        'print(round(find_orbits(rig, (1, 2)).orbits[0].x_max, 9))'
+    )
+    words = [sys.executable, '-c', program]
+    done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, '0.003249641\n')
