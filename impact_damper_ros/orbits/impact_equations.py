@@ -317,16 +317,22 @@ def add_starts_of_plane(problem: Problem, starts: Any, count: int, columns: int)
 
 
 @kernel
-def add_starts_of_one(problem: Problem, starts: Any) -> int:
-    """Add all starts of one impact in a period."""
-    problem.sheet[PLACE, 3] = 0.0
-    write_linear_system(problem)
+def add_starts_of_two_equations(problem: Problem, starts: Any) -> int:
+    """Add all starts that solve the linear system of two equations in four unknowns."""
     scale_system(problem, 2, 4)
     if eliminate(problem, 2, 4) == 0.0:
         return 0
     write_null_vector(problem, 2, 4, 2, AHEAD)
     write_null_vector(problem, 2, 4, 3, BEHIND)
     return add_starts_of_plane(problem, starts, 0, 4)
+
+
+@kernel
+def add_starts_of_one(problem: Problem, starts: Any) -> int:
+    """Add all starts of one impact in a period."""
+    problem.sheet[PLACE, 3] = 0.0
+    write_linear_system(problem)
+    return add_starts_of_two_equations(problem, starts)
 
 
 @kernel
@@ -347,12 +353,7 @@ def add_symmetric_starts(problem: Problem, starts: Any) -> int:
         sheet[first + i, 0] -= sheet[row, 1]
         for k in range(1, 4):
             sheet[first + i, k] = sheet[row, k + 1]
-    scale_system(problem, 2, 4)
-    if eliminate(problem, 2, 4) == 0.0:
-        return 0
-    write_null_vector(problem, 2, 4, 2, AHEAD)
-    write_null_vector(problem, 2, 4, 3, BEHIND)
-    return add_starts_of_plane(problem, starts, 0, 4)
+    return add_starts_of_two_equations(problem, starts)
 
 
 @kernel
