@@ -153,7 +153,8 @@ def first_course(
     """
     Return the course that partition and regression find; `scan` looks for K and C on a grid first.
 
-    Near resonance free vibrations imitate the response to the force, and a grid may mislead.
+    Near resonance, free vibrations resemble the response to the force, so that the best point of a
+    grid may be far from the rig.
 
     Raises
     ------

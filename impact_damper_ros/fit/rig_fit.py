@@ -394,7 +394,7 @@ class Knowledge(NamedTuple):
     Attributes
     ----------
     names : list of str
-        The constants that are not exact.
+        The constants with an uncertainty.
     covariance : ndarray
         Of the shared unknowns and then of relative changes of the constants.
     steps : dict

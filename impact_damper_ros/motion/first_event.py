@@ -888,7 +888,7 @@ _MARGIN = 1e-6
 @kernel
 def holds_for_ever(moving: Moving, tau: float) -> bool:
     """
-    Return whether joint motion certainly has no end after a time.
+    Return whether sticking certainly lasts from a time on.
 
     X'' is the sum of the steady vibration, whose amplitude is known, and of a free one, which
     never grows.

@@ -291,7 +291,7 @@ class BranchPoint:
 
     @property
     def performed(self) -> bool:
-        """Whether a rig can perform the motion, and keep to it."""
+        """Whether the motion is viable and not unstable."""
         return self.viable and stability_of(self.modulus) != 'unstable'
 
     @cached_property

@@ -45,7 +45,7 @@ _QUANTITIES = (
 
 
 class _Run:
-    """What a run amounts to, and its end close up."""
+    """The measures of a whole run, and the states of its last periods."""
 
     def __init__(self, state: Mapping[str, Any], span: float) -> None:
         self._parts, self._span = Stretches(state), span
