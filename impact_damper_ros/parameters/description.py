@@ -26,13 +26,13 @@ def described(rig: RigParameters) -> str:
     --------
     >>> described(RigParameters(force_frequencies=[0.5]))
     'natural frequency 0.159 Hz (1 rad/s), ζ 0.500 %; force 1 N at 0.0796 Hz (0.5 rad/s), 0.5 \
-times the natural one; gap 37 m; level'
+times the natural one; gap 37 m; horizontal'
     """
     natural = f'natural frequency {_hertz(rig.omega)} ({rig.omega:.4g} rad/s)'
     parts = [f'{natural}, ζ {_digits(100.0 * rig.zeta)} %', *_force(rig), f'gap {rig.gap:.4g} m']
     if rig.one_sided:
         parts[-1] += ', stop 1 only'
-    parts.append(f'inclined by {math.degrees(rig.angle):.4g}°' if rig.angle else 'level')
+    parts.append(f'inclined by {math.degrees(rig.angle):.4g}°' if rig.angle else 'horizontal')
     if rig.friction:
         parts[-1] += f', friction {rig.friction:.4g}'
     return '; '.join(parts)

@@ -413,4 +413,5 @@ def _draw_cases(
             textcoords='offset points',
             ha='left' if right else 'right',
             fontsize='x-small',
+            bbox={'facecolor': 'w', 'edgecolor': 'none', 'alpha': 0.85, 'pad': 1.0},
         )

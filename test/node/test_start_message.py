@@ -19,7 +19,7 @@ def test_start_message_names_what_runs():
     assert '/lab/sim_node runs in real time\n' in text
     assert (
         'natural frequency 5.03 Hz (31.62 rad/s), ζ 0.949 %; force 10 N at 5.03 Hz (31.6 rad/s), '
-        '0.999 times the natural one; gap 0.01 m; level\n'
+        '0.999 times the natural one; gap 0.01 m; horizontal\n'
     ) in text
     assert 'parameters all by default\n' in text
     assert text.endswith('recording  off')

@@ -14,7 +14,7 @@ from impact_damper_ros.parameters.quoting import printable, shown
 def test_line_in_hertz_and_shares():
     assert described(BENCH.replace(force_frequencies=5.0)) == (
         'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %; force 1.2 N at 0.796 Hz (5 rad/s), '
-        '0.159 times the natural one; gap 0.024 m; level, friction 0.02'
+        '0.159 times the natural one; gap 0.024 m; horizontal, friction 0.02'
     )
 
 
