@@ -43,10 +43,11 @@ from impact_damper_ros.bag.messages import clock_message, encode  # noqa: E402
 from impact_damper_ros.bag.robot_description import robot_description  # noqa: E402
 from impact_damper_ros.bag.snapshots import Snapshots  # noqa: E402
 from impact_damper_ros.node.diagnostics import Diagnostics  # noqa: E402
-from impact_damper_ros.node.engine import EngineStatus  # noqa: E402
+from impact_damper_ros.node.engine_state import EngineStatus  # noqa: E402
 from impact_damper_ros.node.pacing import PacingCounts  # noqa: E402
 from impact_damper_ros.node.recording import RecordingStatus  # noqa: E402
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS  # noqa: E402
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS  # noqa: E402
+from impact_damper_ros.rig.rig_state import RigState  # noqa: E402
 from impact_damper_ros.theory.documents import theory  # noqa: E402
 
 DOCS = ROOT / 'docs'
@@ -79,17 +80,19 @@ PROSE = 'Notes', 'References'
 def tables(page: str) -> str:
     """Return the page of the parameters with their present tables."""
     rig_parameters = import_module('impact_damper_ros.parameters.rig_parameters')
+    control = import_module('impact_damper_ros.parameters.gap_control_parameters')
+    node = import_module('impact_damper_ros.parameters.node_settings')
     structure = import_module('impact_damper_ros.parameters.structure')
     table = import_module('impact_damper_ros.cli.simulate_rig').parameter_table
     settings = {
         name: spec._replace(description=f'{spec.description}{EFFECTS[spec.effect]}')
-        for name, spec in rig_parameters.SETTING_SPECS.items()
+        for name, spec in node.SETTING_SPECS.items()
     }
     present = map(
         table,
         (
             rig_parameters.PARAMETER_SPECS | rig_parameters.INITIAL_SPECS,
-            rig_parameters.GAP_CONTROL_SPECS,
+            control.GAP_CONTROL_SPECS,
             settings,
             structure.STRUCTURE_SPECS,
         ),
@@ -154,10 +157,12 @@ def _cell(doc: str | None) -> str:
 
 
 def _members(cls: type) -> list[tuple[str, Any]]:
-    """Return the documented methods and properties that a class defines."""
+    """Return the documented methods and properties of a class; `Rig` has those of `RigState`."""
     return [
         (name, value)
-        for name, value in vars(cls).items()
+        for half in reversed(cls.__mro__)
+        if half in (cls, RigState)
+        for name, value in vars(half).items()
         if not name.startswith('_')
         and isinstance(value, (classmethod, staticmethod, property)) | inspect.isfunction(value)
         and getattr(value, '__doc__', None)

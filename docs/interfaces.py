@@ -39,7 +39,7 @@ _OWN = re.compile(r'^[-+0-9.]+$')
 
 def parameters() -> dict[str, Any]:
     """Return the parameters of the node, and those that stand for others at its start."""
-    live = import_module('impact_damper_ros.parameters.rig_parameters').ALL_SPECS
+    live = import_module('impact_damper_ros.parameters.all_parameters').ALL_SPECS
     structure = import_module('impact_damper_ros.parameters.structure').STRUCTURE_SPECS
     return {
         'node': {name: _parameter(spec) for name, spec in live.items()},

@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     )
     from .orbits.starts import ImpactEquations as ImpactEquations
     from .orbits.transmissibility import Transmissibility as Transmissibility
+    from .parameters.gap_control_parameters import GapControlParameters as GapControlParameters
     from .parameters.parameter_spec import (
         ParameterError as ParameterError,
         ParameterSpec as ParameterSpec,
@@ -75,14 +76,14 @@ if TYPE_CHECKING:
         load_parameters as load_parameters,
     )
     from .parameters.rig_parameters import (
-        GapControlParameters as GapControlParameters,
         InitialConditions as InitialConditions,
         RigParameters as RigParameters,
     )
     from .rig.ensemble import EnsembleResult as EnsembleResult, run_ensemble as run_ensemble
     from .rig.observed_run import Observer as Observer, TimedChange as TimedChange, run as run
     from .rig.order import Order as Order
-    from .rig.rig import Outcome as Outcome, Rig as Rig, RunResult as RunResult
+    from .rig.rig import Rig as Rig
+    from .rig.run_result import Outcome as Outcome, RunResult as RunResult
     from .rig.runaway import RunawayError as RunawayError
     from .version import VERSION
 

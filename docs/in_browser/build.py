@@ -21,13 +21,10 @@ from impact_damper_ros.control.record import Action
 from impact_damper_ros.measured.record import MeasuredRecord
 from impact_damper_ros.motion.event import IMPACT
 from impact_damper_ros.page import frames, knobs, motion, numbers, presets
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import specs_of
-from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
-    GapControlParameters,
-    InitialConditions,
-    RigParameters,
-)
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import REMEDY, RunawayError
 from impact_damper_ros.theory.documents import theory
@@ -38,19 +35,10 @@ HERE = Path(__file__).parent
 STATIC = Path(presets.__file__).with_name('static')
 #: Methods that the page does without, of classes that do more than it needs.
 LEFT_OUT = {
-    'Rig': {
-        *('run', '_run_compiled', '_may_compile', 'order', 'measure', 'move_stops', 'state'),
-        *(
-            'law',
-            'snapshot',
-            'restore',
-            'resume',
-            'drive',
-            '_reason',
-            'own_law',
-            'stops',
-            'energies',
-        ),
+    'Rig': {'run', '_run_compiled', 'order', 'move_stops'},
+    'RigState': {
+        *('_may_compile', 'measure', 'state', 'law', 'own_law', 'snapshot', 'restore', 'resume'),
+        *('drive', '_reason', 'stops', 'energies'),
     },
     'Control': {'as_dict', 'restored', 'unpacked'},
     'RunTables': {'room', 'wrote', 'events'},

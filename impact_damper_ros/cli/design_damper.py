@@ -19,11 +19,12 @@ from impact_damper_ros.design.mass_damper import Comparison, compare_dampers
 from impact_damper_ros.design.runs_from_rest import widest_hit
 from impact_damper_ros.design.worst_case import WorstCases, worst_cases
 from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.parameters.all_parameters import RIG_SPECS
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
 from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import shown
-from impact_damper_ros.parameters.rig_parameters import RIG_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import quantity, split_number
 from impact_damper_ros.report import design_report as report
 from impact_damper_ros.report.formatting import quantity as written

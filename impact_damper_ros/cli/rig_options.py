@@ -13,7 +13,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from impact_damper_ros.control.own_law import LawError, OwnLaw
+from impact_damper_ros.parameters.all_parameters import RIG_SPECS
 from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.gap_control_parameters import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+)
+from impact_damper_ros.parameters.node_settings import SETTING_SPECS
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import (
     YamlError,
@@ -24,11 +30,7 @@ from impact_damper_ros.parameters.parameters_file import (
 )
 from impact_damper_ros.parameters.quoting import named, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
-    RIG_SPECS,
-    SETTING_SPECS,
-    GapControlParameters,
     InitialConditions,
     RigParameters,
 )

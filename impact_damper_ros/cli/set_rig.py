@@ -20,14 +20,13 @@ from impact_damper_ros.bag.messages import (
     decode,
 )
 from impact_damper_ros.bag.rig_topics import rig_nodes
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS, unit_of
 from impact_damper_ros.parameters.description import frequency_hint
 from impact_damper_ros.parameters.quoting import named, printable, setting
 from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
     PARAMETER_SPECS,
     RigParameters,
     checked_number,
-    unit_of,
 )
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS, resolved
 from impact_damper_ros.report.table import Column, Table

@@ -4,10 +4,7 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
-import time
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import count
@@ -19,20 +16,15 @@ from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.compare.random_response import ResponseSamples
 from impact_damper_ros.compare.record_response import RecordSamples
 from impact_damper_ros.control.own_law import LawError, OwnLaw
-from impact_damper_ros.control.record import Action
 from impact_damper_ros.measured.random_motion import RandomLines
-from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
-from impact_damper_ros.motion.event import Event, EventKind, Sample, table_of_events
-from impact_damper_ros.motion.state import Mode
-from impact_damper_ros.motion.swing import Swing
-from impact_damper_ros.orbits.flight_arrays import FlightStart
-from impact_damper_ros.orbits.settled_motion import cycle_of
+from impact_damper_ros.measured.record import MeasuredRecord
+from impact_damper_ros.motion.event import Event, EventKind, Sample
 from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 from impact_damper_ros.parameters.parameter_spec import ParameterSpec
 from impact_damper_ros.parameters.quoting import setting
 from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
     RigParameters,
@@ -45,16 +37,10 @@ from impact_damper_ros.report.csv_tables import (
     open_table,
     row,
 )
-from impact_damper_ros.report.formatting import mode_words
-from impact_damper_ros.report.random_response_figure import (
-    response_figure,
-    response_table,
-    response_text,
-)
+from impact_damper_ros.report.random_response_figure import response_figure, response_table
 from impact_damper_ros.report.record_figure import record_figure, record_text
 from impact_damper_ros.report.swept_response_figure import swept_figure, swept_table, swept_text
 from impact_damper_ros.report.table import Table
-from impact_damper_ros.report.transmissibility_text import transmissibility_text
 from impact_damper_ros.rig.observed_run import Observer, TimedChange, run
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
@@ -90,6 +76,7 @@ from .rig_options import (
     setting_value,
     timed_changes,
 )
+from .run_summary import RunSummary
 from .shaker_options import (
     add_levels_option,
     add_random_options,
@@ -104,11 +91,6 @@ from .shaker_options import (
 STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
 EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:-1], 'force_frequency')
 
-# The end of a run that its summary describes, and how closely it looks for the largest |X|
-_WATCHED_CYCLES = 20
-_LOOKS_PER_CYCLE = 256
-# Cycles this little fewer than a whole number are whole.
-_WHOLE = 1e-6
 # Ten days at 1 kHz, about 200 GB
 _MOST_SAMPLES = 1e9
 # Stamps are whole nanoseconds.
@@ -251,119 +233,6 @@ def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
     return Table.of_rows(head, rows).markdown() + '\n'
 
 
-def _cycle(parameters: RigParameters) -> float:
-    """Return the period of the force, s; the natural one if its frequency is stepped."""
-    return cycle_of(parameters) if parameters.sweep_mode == 'off' else math.tau / parameters.omega
-
-
-class _Summary(Observer):
-    """What is printed of a run: events, commands, last impacts, largest |X| at the end."""
-
-    def __init__(self, rig: Rig, duration: float, response: ResponseSamples | None = None) -> None:
-        self._rig = rig
-        #: Of a base of many lines their common period counts.
-        self.response = response
-        self._look = _cycle(rig.parameters) / _LOOKS_PER_CYCLE
-        self._cycles = min(_WATCHED_CYCLES, duration / _cycle(rig.parameters))
-        self._from = max(0.0, duration - _WATCHED_CYCLES * _cycle(rig.parameters))
-        self._started = time.perf_counter()
-        self._counts: Counter[EventKind] = Counter()
-        self._commands = 0
-        self._impacts: dict[int, Event] = {}
-        self._swing = Swing()
-        # Largest |Y| at the looks
-        self._reach = 0.0
-        self._since_look: list[Event] = []
-        # Of a moving base: where its motion is measured from, and all events since
-        self._begin: FlightStart | None = None
-        self._passed: list[Event] = []
-
-    def ticks(self) -> Iterator[float]:
-        return (self._from + k * self._look for k in count())
-
-    def happened(self, events: Sequence[Event]) -> None:
-        self._counts.update(event.kind for event in events)
-        self._commands += sum(act.action is Action.COMMAND for act in self._rig.records)
-        self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
-        self._since_look += [event for event in events if event.time >= self._from]
-        if self._begin is not None:
-            self._passed += events
-
-    def changed(self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]) -> None:
-        super().changed(time_ns, values, events)
-        self._begin = None
-
-    def reached(self, instant: float) -> None:
-        if instant >= self._from:
-            sample = self._rig.sample()
-            self._swing.look(sample, self._since_look)
-            moves = self._rig.parameters.base_motion.moves and not self._rig.measured_records
-            if self._begin is None and moves:
-                self._begin, self._passed = FlightStart.of(self._rig), []
-            self._reach = max(self._reach, abs(sample.z - sample.x))
-            self._since_look = []
-
-    def text(self, *, whole: bool) -> str:
-        """Return the summary of a run that is complete, or not."""
-        rig, largest, spent = self._rig, self._swing.largest, time.perf_counter() - self._started
-        parameters, mode = rig.parameters, mode_words(rig.mode.name)
-        events = [f'{number} {kind.name.lower()}' for kind, number in self._counts.items()]
-        lines = [
-            f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
-            f'events      {", ".join(events) or "none"}',
-        ]
-        # Beside a base that a record carries X - b counts, which has lines of its own.
-        if whole and not any(r.quantity == BASE_RECORD for r in rig.measured_records):
-            lines.append(f'largest |X| {largest:.7g} m in the last {self._cycles:.3g} cycles')
-            amplitude = parameters.response_amplitude
-            if parameters.periodic_force and math.isfinite(amplitude):
-                lines[-1] += (
-                    f', {largest / amplitude:.7f} of the {amplitude:.6g} m without impacts'
-                )
-        if whole and self.response is not None:
-            lines.append(response_text(self.response.response()))
-        elif whole and self._begin is not None and parameters.sweep_mode == 'off':
-            flights = self._begin.flights(rig, table_of_events(self._passed))
-            cycle = _cycle(parameters)
-            since = max(1, int((rig.time - flights.starts[0]) / cycle + _WHOLE)) * cycle
-            found = flights.cut(rig.time - since, rig.time).measured()[0]
-            lines.append(transmissibility_text(found.transmissibility, parameters))
-        if rig.control.active:
-            (spent_1, spent_2), (stop_1, stop_2) = rig.energies, rig.stops
-            lines.append(
-                f'gap control {rig.law}: {self._commands} commands; stop 1 spent '
-                f'{spent_1:.6g} J, stop 2 {spent_2:.6g} J; they are at Y = {stop_1:.6g} m and '
-                f'{stop_2:.6g} m'
-            )
-        for stop, event in sorted(self._impacts.items()):
-            phase = ''
-            if parameters.periodic_force:
-                phase = f'phase {event.time / _cycle(parameters) % 1.0:.7f} cycles, '
-            lines.append(
-                f'last impact on stop {stop}: t = {event.time:.9f} s, {phase}'
-                f'X = {event.x:.7f} m; just after it '
-                f"X' = {event.primary_velocity_after:.7f} m/s, "
-                f"Z' = {event.damper_velocity_after:.7f} m/s"
-            )
-        since = max((event.time for event in self._impacts.values()), default=0.0)
-        silent = (rig.time - since) / _cycle(parameters)
-        if whole and silent >= _WATCHED_CYCLES:
-            lines.append(
-                f'no impact   m has not hit a stop for {silent:.4g} cycles{self._remedy()}'
-            )
-        return '\n'.join(lines)
-
-    def _remedy(self) -> str:
-        """Return how m would hit a fixed stop that it does not rest on."""
-        rig = self._rig
-        if rig.control.active or not self._reach or rig.mode in (Mode.REST_1, Mode.REST_2):
-            return ''
-        return (
-            f': |Y| is up to {self._reach:.4g} m, half the gap {rig.parameters.gap / 2.0:.4g} m; '
-            f'give a gap below {2.0 * self._reach:.4g} m, or an initial_damper_velocity'
-        )
-
-
 class _Progress(Observer):
     """The progress bar of a run."""
 
@@ -464,7 +333,7 @@ def _simulate(
             'records and the sweep'
         )
     response = None if records or swept is not None else _response(arguments, rig)
-    summary = _Summary(rig, duration, response)
+    summary = RunSummary(rig, duration, response)
     drawn = arguments.figure is not None and response is None and swept is None
     sampled = RecordSamples(rig, duration) if records or drawn else None
 

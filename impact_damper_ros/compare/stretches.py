@@ -30,8 +30,9 @@ from impact_damper_ros.orbits.flight_arrays import (
     Integrals,
     rows_of_samples,
 )
+from impact_damper_ros.parameters.all_parameters import unit_of
 from impact_damper_ros.parameters.quoting import setting
-from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay import Part
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.rows import NO_SAMPLES, Events, Samples, impacts_of, samples_as_rows

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.motion.compiled import kernel, packed_rows
-from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
+from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .actuator import order_stops, settle_stops
 from .amplitude_law import amplitude_law_crosses, clear_amplitude_law

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from impact_damper_ros.motion.compiled import kernel
 from impact_damper_ros.parameters.forcing import mixed
-from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 
 from .state import Estimates, Measurement
 

@@ -12,7 +12,8 @@ from math import nan, pi
 from typing import Any, NamedTuple, TypeVar
 
 from impact_damper_ros.motion.compiled import copied, kernel, unpack
-from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS, RigParameters
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 S = TypeVar('S')
 

@@ -19,7 +19,8 @@ from impact_damper_ros.motion.state import incline
 from impact_damper_ros.orbits.flight_regressors import flight_regressors
 from impact_damper_ros.orbits.settled_motion import settle
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.rig.rig import Events, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Events
 
 from .runs_from_rest import at_level
 

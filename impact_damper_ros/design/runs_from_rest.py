@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.ensemble import run_ensemble
-from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Outcome
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

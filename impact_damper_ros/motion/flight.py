@@ -17,11 +17,12 @@ rest on a stop.
 
 from __future__ import annotations
 
-from math import cos, floor, inf, sin
+from math import cos, inf, sin
 from typing import NamedTuple
 
 from .compiled import kernel
 from .oscillator import Driven, Free, Oscillator, driven_response, free_response
+from .series import Series, series_at, tail
 from .state import (
     CHATTER_1,
     FREE,
@@ -39,6 +40,7 @@ from .state import (
     on_stop_1,
     on_stop_2,
 )
+from .waves import set_waves, turn_waves, waves_to_origin
 
 #: Horizons after which joint motion is looked at as a whole.
 _LOOK = 64.0
@@ -83,26 +85,6 @@ class Motion(NamedTuple):
     x_6: float
 
 
-class Series(NamedTuple):
-    """X'' at a point, and the coefficients of the second to fifteenth power in that of X'."""
-
-    x_2: float
-    b_3: float
-    b_4: float
-    b_5: float
-    b_6: float
-    b_7: float
-    b_8: float
-    b_9: float
-    b_10: float
-    b_11: float
-    b_12: float
-    b_13: float
-    b_14: float
-    b_15: float
-    b_16: float
-
-
 @kernel(inline=True)
 def oscillator_of(constants: RigConstants, run: Run) -> Oscillator:
     """Return the oscillator that moves: M alone, or M and m as one."""
@@ -129,65 +111,6 @@ def pushed(constants: RigConstants, run: Run, constant: float, share: float) -> 
     if run.carried:
         constant -= run.base_acceleration
     return constant
-
-
-# Half of pi in two parts: a whole number below 2^20 times the first is exact.
-_QUARTER = 1.5707963267341256
-_QUARTER_LOW = 6.077100506506192e-11
-
-
-@kernel(inline=True)
-def sine_and_cosine(phase: float) -> tuple[float, float]:
-    """
-    Return sine and cosine of a phase below 1.6e6 to 0.9 units in the last place.
-
-    Notes
-    -----
-    By the polynomials of fdlibm (Sun Microsystems, 1993) within an eighth of a turn. Several
-    phases in a row take a third of the time of the C library, of which each call waits.
-    """
-    quarters = floor(phase * 0.6366197723675814 + 0.5)
-    upper = phase - quarters * _QUARTER
-    lower = quarters * _QUARTER_LOW
-    rest = upper - lower
-    low = (upper - rest) - lower
-    square = rest * rest
-    fourth = square * square
-    half = 0.5 * square
-    most = 1.0 - half
-    bend = (
-        (-1.66666666666666324348e-01 + square * 8.33333333332248946124e-03)
-        + fourth * (-1.98412698298579493134e-04 + square * 2.75573137070700676789e-06)
-        + fourth * fourth * (-2.50507602534068634195e-08 + square * 1.58969099521155010221e-10)
-    )
-    lift = (
-        (4.16666666666666019037e-02 + square * -1.38888888888741095749e-03)
-        + fourth * (2.48015872894767294178e-05 + square * -2.75573143513906633035e-07)
-        + fourth * fourth * (2.08757232129817482790e-09 + square * -1.13596475577881948265e-11)
-    )
-    sine = rest + (low * most + rest * square * bend)
-    cosine = most + (((1.0 - most) - half) + (fourth * lift - rest * low))
-    quarter = quarters - 4.0 * floor(0.25 * quarters)
-    odd = quarter == 1.0 or quarter == 3.0
-    first = cosine if odd else sine
-    second = sine if odd else cosine
-    return (
-        -first if quarter >= 2.0 else first,
-        -second if quarter == 1.0 or quarter == 2.0 else second,
-    )
-
-
-@kernel(inline=True)
-def set_waves(lines: Lines, waves: Waves) -> None:
-    """Set the sines and cosines of the harmonics at the origin by their angles."""
-    if len(waves) == 1:
-        phase = waves[0].angle + lines[0].phase
-        waves[0].sine_0 = sin(phase)
-        waves[0].cosine_0 = cos(phase)
-    else:
-        for j in range(len(waves)):
-            phase = waves[j].angle + lines[j].phase
-            waves[j].sine_0, waves[j].cosine_0 = sine_and_cosine(phase)
 
 
 @kernel(inline=True)
@@ -405,143 +328,6 @@ def begin_next_flight(moving: Moving) -> None:
 
 
 @kernel(inline=True)
-def series_at(
-    oscillator: Oscillator,
-    lines: Lines,
-    first: int,
-    waves: Waves,
-    offset: float,
-    velocity: float,
-) -> Series:
-    """Return the series around a point: each derivative from the two before it and the drive."""
-    # Negative zero is what adds nothing, which a compiler makes use of.
-    f_0 = f_1 = f_2 = f_3 = f_4 = f_5 = f_6 = f_7 = -0.0
-    f_8 = f_9 = f_10 = f_11 = f_12 = f_13 = f_14 = -0.0
-    for j in range(len(waves)):
-        push = lines[first + j].push
-        turn = lines[first + j].turn
-        even = push * waves[j].sine
-        odd = push * turn * waves[j].cosine
-        turned = -turn * turn
-        f_0 += even
-        f_1 += odd
-        even *= turned
-        odd *= turned
-        f_2 += even
-        f_3 += odd
-        even *= turned
-        odd *= turned
-        f_4 += even
-        f_5 += odd
-        even *= turned
-        odd *= turned
-        f_6 += even
-        f_7 += odd
-        even *= turned
-        odd *= turned
-        f_8 += even
-        f_9 += odd
-        even *= turned
-        odd *= turned
-        f_10 += even
-        f_11 += odd
-        even *= turned
-        odd *= turned
-        f_12 += even
-        f_13 += odd
-        even *= turned
-        f_14 += even
-    spring = oscillator.spring
-    dashpot = oscillator.dashpot
-    d_1 = velocity * oscillator.step
-    d_2 = (f_0 - spring * offset) - dashpot * d_1
-    d_3 = (f_1 - spring * d_1) - dashpot * d_2
-    d_4 = (f_2 - spring * d_2) - dashpot * d_3
-    d_5 = (f_3 - spring * d_3) - dashpot * d_4
-    d_6 = (f_4 - spring * d_4) - dashpot * d_5
-    d_7 = (f_5 - spring * d_5) - dashpot * d_6
-    d_8 = (f_6 - spring * d_6) - dashpot * d_7
-    d_9 = (f_7 - spring * d_7) - dashpot * d_8
-    d_10 = (f_8 - spring * d_8) - dashpot * d_9
-    d_11 = (f_9 - spring * d_9) - dashpot * d_10
-    d_12 = (f_10 - spring * d_10) - dashpot * d_11
-    d_13 = (f_11 - spring * d_11) - dashpot * d_12
-    d_14 = (f_12 - spring * d_12) - dashpot * d_13
-    d_15 = (f_13 - spring * d_13) - dashpot * d_14
-    d_16 = (f_14 - spring * d_14) - dashpot * d_15
-    return Series(
-        d_2,
-        d_3 * (1.0 / 2.0),
-        d_4 * (1.0 / 6.0),
-        d_5 * (1.0 / 24.0),
-        d_6 * (1.0 / 120.0),
-        d_7 * (1.0 / 720.0),
-        d_8 * (1.0 / 5040.0),
-        d_9 * (1.0 / 40320.0),
-        d_10 * (1.0 / 362880.0),
-        d_11 * (1.0 / 3628800.0),
-        d_12 * (1.0 / 39916800.0),
-        d_13 * (1.0 / 479001600.0),
-        d_14 * (1.0 / 6227020800.0),
-        d_15 * (1.0 / 87178291200.0),
-        d_16 * (1.0 / 1307674368000.0),
-    )
-
-
-@kernel(inline=True)
-def tail(series: Series, s: float) -> tuple[float, float, float]:
-    """
-    Return what the third and higher powers add to X and its first two derivatives.
-
-    The last one is that of a last step, and needs half of the digits. Products are taken in pairs,
-    so that few of them wait for one another.
-    """
-    s_2 = s * s
-    s_4 = s_2 * s_2
-    s_8 = s_4 * s_4
-    _, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10, b_11, b_12, b_13, b_14, b_15, b_16 = series
-    value = (
-        ((b_3 * (1.0 / 3.0) + 0.25 * b_4 * s) + (0.2 * b_5 + b_6 * (1.0 / 6.0) * s) * s_2)
-        + ((b_7 * (1.0 / 7.0) + 0.125 * b_8 * s) + (b_9 * (1.0 / 9.0) + 0.1 * b_10 * s) * s_2)
-        * s_4
-        + (
-            (b_11 * (1.0 / 11.0) + b_12 * (1.0 / 12.0) * s)
-            + (b_13 * (1.0 / 13.0) + b_14 * (1.0 / 14.0) * s) * s_2
-            + (b_15 * (1.0 / 15.0) + 0.0625 * b_16 * s) * s_4
-        )
-        * s_8
-    )
-    slope = (
-        ((b_3 + b_4 * s) + (b_5 + b_6 * s) * s_2)
-        + ((b_7 + b_8 * s) + (b_9 + b_10 * s) * s_2) * s_4
-        + ((b_11 + b_12 * s) + (b_13 + b_14 * s) * s_2 + (b_15 + b_16 * s) * s_4) * s_8
-    )
-    bend = (
-        ((2.0 * b_3 + 3.0 * b_4 * s) + (4.0 * b_5 + 5.0 * b_6 * s) * s_2)
-        + ((6.0 * b_7 + 7.0 * b_8 * s) + (8.0 * b_9 + 9.0 * b_10 * s) * s_2) * s_4
-        + (10.0 * b_11 + 11.0 * b_12 * s) * s_8
-    )
-    return s * s_2 * value, s_2 * slope, s * bend
-
-
-@kernel(inline=True)
-def coarse_tail(series: Series, s: float) -> tuple[float, float, float, float]:
-    """Return what the third to tenth power add to X and its first three derivatives."""
-    _, b_3, b_4, b_5, b_6, b_7, b_8, b_9, b_10 = series[:9]
-    s_2 = s * s
-    s_4 = s_2 * s_2
-    value = ((b_3 * (1.0 / 3.0) + 0.25 * b_4 * s) + (0.2 * b_5 + b_6 * (1.0 / 6.0) * s) * s_2) + (
-        (b_7 * (1.0 / 7.0) + 0.125 * b_8 * s) + (b_9 * (1.0 / 9.0) + 0.1 * b_10 * s) * s_2
-    ) * s_4
-    slope = ((b_3 + b_4 * s) + (b_5 + b_6 * s) * s_2) + (
-        (b_7 + b_8 * s) + (b_9 + b_10 * s) * s_2
-    ) * s_4
-    bend = (2.0 * b_3 + 3.0 * b_4 * s) + (4.0 * b_5 + 5.0 * b_6 * s) * s_2
-    third = (2.0 * b_3 + 6.0 * b_4 * s) + (12.0 * b_5 + 20.0 * b_6 * s) * s_2
-    return s * s_2 * value, s_2 * slope, s * bend, third
-
-
-@kernel(inline=True)
 def with_derivatives(
     oscillator: Oscillator,
     lines: Lines,
@@ -572,14 +358,6 @@ def with_derivatives(
     x_5 = drive_3 - twice * x_4 - omega_squared * x_3
     x_6 = drive_4 - twice * x_5 - omega_squared * x_4
     return Motion(x, velocity, travel, relative_velocity, relative_2, x_2, x_3, x_4, x_5, x_6)
-
-
-@kernel(inline=True)
-def waves_to_origin(waves: Waves) -> None:
-    """Set the waves where the search is to those at the origin."""
-    for j in range(len(waves)):
-        waves[j].sine = waves[j].sine_0
-        waves[j].cosine = waves[j].cosine_0
 
 
 @kernel(inline=True)
@@ -700,17 +478,6 @@ def motion_after(moving: Moving, tau: float) -> Motion:
 def motion_at(moving: Moving, tau: float) -> Motion:
     """Return the motion as `motion_after` does; compiled once, not where it is used."""
     return motion_after(moving, tau)
-
-
-@kernel(inline=True)
-def turn_waves(lines: Lines, waves: Waves, tau: float) -> None:
-    """Advance the angles of the harmonics by a duration, mod 2 pi."""
-    for j in range(len(waves)):
-        total = waves[j].angle + lines[j].frequency * tau
-        turns = floor(total * 0.15915494309189535)
-        # 2 pi in two parts: the reduction must not shift the frequency.
-        waves[j].angle = total - turns * 6.283185307179586 - turns * 2.4492935982947064e-16
-    set_waves(lines, waves)
 
 
 @kernel(inline=True)

@@ -5,29 +5,15 @@ from __future__ import annotations
 
 from math import inf, nan, nextafter
 
+from .certificate import ERROR, falling_root, falls, keeps_sign
 from .compiled import kernel
-from .first_event import (
-    ERROR,
-    bounds_of,
-    falling_root,
-    falls,
-    first_root,
-    keeps_sign,
-    next_point,
-    root_by_series,
-    turn_back,
-)
-from .flight import (
-    PASSAGE,
-    Motion,
-    Series,
-    motion_at,
-    oscillator_of,
-    series_at,
-    starting_motion,
-)
+from .first_event import root_by_series
+from .first_root import bounds_of, first_root
+from .flight import PASSAGE, Motion, motion_at, oscillator_of, starting_motion
 from .oscillator import POINTS
+from .series import Series, series_at
 from .state import Moving, Run, advance_time
+from .waves import next_point, turn_back
 
 
 @kernel

@@ -16,7 +16,7 @@ from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.report.formatting import mode_words
 
-from .engine import EngineStatus
+from .engine_state import EngineStatus
 from .motion_report import MotionReport
 from .network import NetworkReport
 from .pacing import CATCH_UP_NS

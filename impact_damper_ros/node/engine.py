@@ -22,10 +22,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from enum import Enum
 from functools import partial
 from math import tau
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
 from impact_damper_ros.bag.rig_topics import PAUSED_RATE, RIG_TOPICS
@@ -34,16 +33,28 @@ from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.measured.record import read_records
 from impact_damper_ros.motion.event import Event
-from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
+from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.tick_grid import TickGrid
 from impact_damper_ros.rig.waiting_change import made_at_once, waiting_values
 
 from .commands import CommandInbox
-from .external_control import ControllerStatus, ExternalControl
+from .engine_state import (
+    ON,
+    PAUSED,
+    Done,
+    EngineStatus,
+    NotNowError,
+    Request,
+    Running,
+    State,
+    Step,
+)
+from .external_control import ExternalControl
 from .motion_trace import MotionTrace
-from .pacing import ORDINARY, Pacer, PacingCounts, StampClock, WallTime, take_priority
+from .pacing import ORDINARY, Pacer, StampClock, WallTime, take_priority
 from .parameters import NodeParameters
 from .publishing import Emitter, RigPublishers
 from .rig_motion import RIG_FAILURES, RigMotion
@@ -52,94 +63,8 @@ if TYPE_CHECKING:
     from impact_damper_ros.bag import RunWriter
 
 
-class NotNowError(Exception):
-    """A request that the engine cannot carry out as things are."""
-
-
-class Done(NamedTuple):
-    """A request that was carried out: rig time at which it took effect, and its result."""
-
-    time_ns: int
-    result: Any = None
-
-
-#: A request to the engine; it fails with the reason why it had no effect.
-Request: TypeAlias = 'Future[Done]'
 _Arguments = ParamSpec('_Arguments')
 _Result = TypeVar('_Result')
-
-
-#: Longest wait for the engine.
-ANSWER_TIMEOUT_S = 10.0
-
-
-def wait_for(request: Request) -> Done:
-    """Wait for a request; one that takes too long is withdrawn."""
-    try:
-        return request.result(ANSWER_TIMEOUT_S)
-    except TimeoutError:
-        withdrawn = request.cancel()
-        if not withdrawn and request.done():
-            return request.result()
-        rest = 'the request is withdrawn' if withdrawn else 'it is still being carried out'
-        text = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s: {rest}'
-        raise NotNowError(text) from None
-
-
-class Running(Enum):
-    """Whether the rig moves, and until when."""
-
-    ON = 'on'
-    STEP = 'step'
-    PAUSED = 'paused'
-    HELD = 'held'
-
-
-class Step(NamedTuple):
-    """A step of a paused rig: whether its end is reached, and who waits for it."""
-
-    reached: Callable[[], bool]
-    ended: Request
-
-
-class State(NamedTuple):
-    """Whether the rig moves, and why it does not."""
-
-    running: Running = Running.ON
-    held: str = ''  # the reason why it cannot continue
-    after: Running = Running.ON  # of a rig that is held: its state once it can
-    step: Step | None = None
-
-    @property
-    def moves(self) -> bool:
-        """Whether the rig moves."""
-        return self.running in (Running.ON, Running.STEP)
-
-    @property
-    def paused(self) -> bool:
-        """Whether it is paused, or will be once it can continue."""
-        return Running.PAUSED in (self.running, self.after)
-
-
-ON, PAUSED = State(), State(Running.PAUSED)
-
-
-class EngineStatus(NamedTuple):
-    """State of the engine, for other threads; all numbers are counted from its start."""
-
-    time_ns: int
-    paused: bool
-    mode: str
-    impacts: int
-    recorded: int  # messages given to the recording
-    pacing: PacingCounts
-    control: GapControlParameters = GapControlParameters()
-    commands: int = 0  # of the gap control
-    last_act: ControlRecord | None = None
-    scheduling: str = ORDINARY
-    held: str = ''  # the reason why the rig cannot continue
-    events: int = 0  # impacts among them
-    controller: ControllerStatus = ControllerStatus()
 
 
 PAUSED_NAP_S = 0.02

@@ -23,7 +23,7 @@ from impact_damper_ros.bag.rig_topics import RIG_TOPICS, RigMessages
 from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.control.sensors import mixed_bits, mixed_seed, uniform_of
 from impact_damper_ros.motion.event import Event
-from impact_damper_ros.parameters.rig_parameters import NodeSettings
+from impact_damper_ros.parameters.node_settings import NodeSettings
 from impact_damper_ros.rig.order import Order
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.tick_grid import TickGrid

@@ -17,18 +17,18 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter
 
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS, RIG_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+)
+from impact_damper_ros.parameters.node_settings import SETTING_SPECS, NodeSettings
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.quoting import named, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
-    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
-    RIG_SPECS,
-    SETTING_SPECS,
-    GapControlParameters,
     InitialConditions,
-    NodeSettings,
     RigParameters,
     base_quantity_of,
 )

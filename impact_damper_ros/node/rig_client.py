@@ -20,7 +20,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, base_quantity_of
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
+from impact_damper_ros.parameters.rig_parameters import base_quantity_of
 
 from .raw_subscription import Polled
 

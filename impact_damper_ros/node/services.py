@@ -12,7 +12,8 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from .engine import Done, Engine, Request, wait_for
+from .engine import Engine
+from .engine_state import Done, Request, wait_for
 
 #: Longest wait of `~/step` for the end of a step.
 STEP_TIMEOUT_S = 2.0

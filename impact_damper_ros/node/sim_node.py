@@ -17,8 +17,6 @@ import time
 import traceback
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -51,17 +49,18 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS, LIVE_TOPICS, RIG_TOPICS
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.bag.topics import QosProfile
-from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
+from impact_damper_ros.parameters.description import frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.parameters_file import fault_of_file, values_given
-from impact_damper_ros.parameters.quoting import named, printable, shown
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.parameters_file import values_given
+from impact_damper_ros.parameters.quoting import printable, shown
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.theory.theory_process import TheoryProcess
 
 from .commands import DEPTH, CommandInbox, CommandTopic, read_force_command, read_stop_command
 from .diagnostics import Diagnostics
-from .engine import ANSWER_TIMEOUT_S, Engine, NotNowError, wait_for
+from .engine import Engine
+from .engine_state import ANSWER_TIMEOUT_S, NotNowError, wait_for
 from .motion_report import MotionMonitor
 from .network import Network
 from .pacing import take_priority
@@ -78,6 +77,7 @@ from .publishing import RigPublishers, TopicPublisher
 from .raw_subscription import RawSubscription
 from .recording import Recorder
 from .services import RigServices
+from .start_message import given_text, in_words, start_message
 from .usage import answered
 
 
@@ -97,57 +97,6 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
         f'unknown argument {shown(arguments[0])}; parameters and their files follow --ros-args, '
         'as in: sim_node --ros-args --params-file rig.yaml -p gap:=12mm'
     )
-
-
-def in_words(error: Exception, arguments: Sequence[str]) -> str:
-    """Return what is wrong with arguments that rcl cannot parse, and what to write instead."""
-    for option, word in pairwise(arguments):
-        if option == '--params-file' and (fault := fault_of_file(Path(word))):
-            return fault
-        if option in ('-p', '--param') and ':=' not in word:
-            name, _, value = word.partition('=')
-            return f'{option} {shown(word)}: write {option} {named(name)}:={named(value)}'
-        if option in ('-r', '--remap') and word.startswith('__ns:=') and word[6:7] != '/':
-            return f'{option} {shown(word)}: write {option} __ns:=/{named(word[6:])}'
-    text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
-    if 'Sequence should be of same type' in text:
-        text += ' (write [1.0, 0.5], not [1, 0.5])'
-    return text
-
-
-def given_text(given: Mapping[str, Any], applied: Sequence[str]) -> str:
-    """Return which parameters are given, and by what: values by name, and entries of files."""
-    count = sum(name in ALL_SPECS for name in given)
-    places = ', '.join(map(printable, applied))
-    return f'{count} of {len(ALL_SPECS)} are given, by {places}' if count else 'all by default'
-
-
-def start_message(
-    parameters: NodeParameters, node: str, recording: str, given: str = 'all by default'
-) -> str:
-    """Return a summary of the node in a few lines."""
-    measured = [(name, getattr(parameters, name)) for name in ('force_record', 'base_record')]
-    lines = [
-        f'{node} runs {_pace(parameters.real_time_factor)}',
-        f'rig        {described(parameters.rig)}',
-        *(f'measured   {name} {printable(path)}' for name, path in measured if path != 'none'),
-        f'parameters {given}',
-        f'recording  {f"to {recording}" if recording else "off"}',
-    ]
-    if parameters.lock_step != 'off' and parameters.control.gap_control != 'external':
-        lines.append(
-            f'note       lock_step has no effect: gap_control is {parameters.control.gap_control}'
-            ', set it to external'
-        )
-    if hint := frequency_hint(parameters.rig):
-        lines.append(f'note       {hint}')
-    return '\n  '.join(lines)
-
-
-def _pace(factor: float) -> str:
-    if factor == 0.0:
-        return 'as fast as possible'
-    return 'in real time' if factor == 1.0 else f'at {factor:g} times real time'
 
 
 #: Time after which another thread has to hand over the interpreter. With Python's 5 ms the thread

@@ -8,7 +8,7 @@ Between two nodes the motion is one flight of the simulator, in closed form. The
 state just after each node, as far as it is free, and the instants; the equations are that each
 flight leads to the next node, and the condition of that node [1]_:
 
-- impact: m is at the stop. The velocities after it are those of `transition.rebound`; the relative
+- impact: m is at the stop. The velocities after it are those of `impact.rebound`; the relative
   one is zero where the impact is plastic or belongs to the last bounces before rest, which act as
   one plastic impact;
 - reversal, and the beginning of sticking: the relative velocity is zero;
@@ -44,8 +44,8 @@ from impact_damper_ros.motion.flight import (
     begin_joint,
     motion_at,
     oscillator_of,
-    turn_waves,
 )
+from impact_damper_ros.motion.impact import bounce, rebound, rebound_slopes
 from impact_damper_ros.motion.oscillator import Free, free_response, set_oscillator
 from impact_damper_ros.motion.state import (
     DAMPER_MASS,
@@ -60,7 +60,7 @@ from impact_damper_ros.motion.state import (
     Moving,
     set_contacts,
 )
-from impact_damper_ros.motion.transition import bounce, rebound, rebound_slopes
+from impact_damper_ros.motion.waves import turn_waves
 
 
 @kernel

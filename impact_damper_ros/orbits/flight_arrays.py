@@ -23,7 +23,8 @@ from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.rig.rig import Events, Outcome, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Events, Outcome
 from impact_damper_ros.rig.runaway import RunawayError
 
 from .flights import Machine, machine_of

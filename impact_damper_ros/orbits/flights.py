@@ -17,8 +17,8 @@ from impact_damper_ros.motion.flight import (
     moving_mode,
     rest,
     starting_motion,
-    turn_waves,
 )
+from impact_damper_ros.motion.impact import strike
 from impact_damper_ros.motion.oscillator import Line
 from impact_damper_ros.motion.state import (
     REST_1,
@@ -30,7 +30,7 @@ from impact_damper_ros.motion.state import (
     Wave,
     constants_of,
 )
-from impact_damper_ros.motion.transition import strike
+from impact_damper_ros.motion.waves import turn_waves
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.snapshot import Snapshot

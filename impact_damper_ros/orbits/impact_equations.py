@@ -23,8 +23,8 @@ from math import acos, atan2, cos, hypot, inf, sin, sqrt
 from typing import Any
 
 from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.impact import rebound_slopes
 from impact_damper_ros.motion.state import FIRST_LINE, MASS, STIFFNESS
-from impact_damper_ros.motion.transition import rebound_slopes
 
 from .closed_flights import (
     AHEAD,

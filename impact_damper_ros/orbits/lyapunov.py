@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EventKind
+from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.motion.state import STICK
-from impact_damper_ros.motion.transition import bounce
 
 from .flight_arrays import Flights
 from .multipliers import FlightLaws, Y, event_matrices, jumps, velocities_of

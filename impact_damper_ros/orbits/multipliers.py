@@ -22,9 +22,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.motion.impact import rebound_slopes
 from impact_damper_ros.motion.state import RigConstants
-from impact_damper_ros.motion.transition import rebound_slopes
-from impact_damper_ros.rig.rig import Events
+from impact_damper_ros.rig.run_result import Events
 
 from .response import Array
 
@@ -123,7 +123,7 @@ def jumps(share: float, impact: Mask, slopes: Array) -> Array:
     """
     Return the derivative (n, 4, 4) of the state after events by that before them.
 
-    The slopes are those of `transition.bounce` at the impacts.
+    The slopes are those of `impact.bounce` at the impacts.
     """
     jump = np.zeros((len(impact), 4, 4))
     jump[:, range(4), range(4)] = 1.0

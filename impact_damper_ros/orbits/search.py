@@ -21,7 +21,8 @@ from impact_damper_ros.parameters.rig_parameters import (
     RigParameters,
     check_rig,
 )
-from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Outcome
 
 from .arguments import (
     OrbitError,

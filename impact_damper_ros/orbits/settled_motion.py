@@ -13,17 +13,12 @@ import numpy as np
 from impact_damper_ros.motion.event import EVENT_TYPE, Event, EventKind, events_of_table
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.rig.rig import Events, Outcome, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Events, Outcome
 
 from .flight_arrays import Drive, Flights, row_of_rig, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
-from .lyapunov import (
-    Deviations,
-    Exponent,
-    deviations,
-    growth_exponent,
-    monodromy_of,
-)
+from .lyapunov import Deviations, Exponent, deviations, growth_exponent, monodromy_of
 from .multipliers import multipliers_of
 from .orbit import PeriodicOrbit, Rhythm
 from .recurrence import (

@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from impact_damper_ros.motion.event import Event, EventKind
+from impact_damper_ros.motion.impact import bounce, rebound
 from impact_damper_ros.motion.state import CHATTER_1, REST_1, REST_2, STICK
-from impact_damper_ros.motion.transition import bounce, rebound
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.rig.rig import Events, Outcome, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Events, Outcome
 
 from .arguments import check_forcing, single_harmonic
 from .flight_arrays import Flights, run_flights

@@ -15,7 +15,7 @@ from typing import Any
 
 from impact_damper_ros.motion.compiled import kernel
 from impact_damper_ros.motion.event import IMPACT, RELEASE_EVENT, EventKind
-from impact_damper_ros.motion.first_event import first_root
+from impact_damper_ros.motion.first_root import first_root
 from impact_damper_ros.motion.flight import (
     CONTACT_1,
     CONTACT_2,
@@ -30,22 +30,12 @@ from impact_damper_ros.motion.flight import (
     rest,
     starting_motion,
 )
+from impact_damper_ros.motion.impact import strike
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import POINTS
 from impact_damper_ros.motion.state import FIRST_LINE, FREE, STICK, Moving
-from impact_damper_ros.motion.transition import strike
 
-from .closed_flights import (
-    CYCLES,
-    END,
-    FAULTS,
-    RIG,
-    SPAN,
-    UNITS,
-    NodeRow,
-    Problem,
-    begin_at,
-)
+from .closed_flights import CYCLES, END, FAULTS, RIG, SPAN, UNITS, NodeRow, Problem, begin_at
 
 #: How much earlier than assumed, as a share of the period, an impact counts as another one.
 _TIME_TOLERANCE = 1e-7

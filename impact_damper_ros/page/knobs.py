@@ -7,12 +7,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
-    GAP_CONTROL_SPECS,
-    PARAMETER_SPECS,
-)
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.parameters.units import UNITS
 
 from .requests import RequestError

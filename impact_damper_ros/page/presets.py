@@ -11,12 +11,14 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from impact_damper_ros.parameters.gap_control_parameters import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+)
 from impact_damper_ros.parameters.parameters_file import load_parameters
 from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
-    GapControlParameters,
     InitialConditions,
     RigParameters,
 )

@@ -13,13 +13,10 @@ import numpy as np
 from impact_damper_ros.design.damper_design import best_design
 from impact_damper_ros.design.mass_damper import den_hartog, mass_damper_response
 from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.parameters.all_parameters import RIG_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.rig_parameters import (
-    RIG_SPECS,
-    GapControlParameters,
-    InitialConditions,
-    RigParameters,
-)
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.theory.background import BackgroundCall
 
 from .presets import scaled_to

@@ -18,13 +18,11 @@ from typing import Any
 
 import yaml
 
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS, RIG_SPECS, unit_of
 from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
     INITIAL_SPECS,
-    RIG_SPECS,
     InitialConditions,
     RigParameters,
-    unit_of,
 )
 
 from .parameter_spec import ParameterError, ParameterTable

@@ -19,26 +19,22 @@ from impact_damper_ros.bag.messages import STRING, decode
 from impact_damper_ros.bag.snapshots import RATES, motion_of
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.motion.event import Event
+from impact_damper_ros.parameters.gap_control_parameters import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+)
 from impact_damper_ros.parameters.parameter_spec import number_between
 from impact_damper_ros.parameters.quoting import as_line, shown
 from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
     PARAMETER_SPECS,
-    GapControlParameters,
     InitialConditions,
     RigParameters,
 )
 from impact_damper_ros.parameters.upgrades import FormatError
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
-from impact_damper_ros.rig.snapshot import (
-    LATEST,
-    SAME_TIME,
-    check_number,
-    check_numbers,
-    present,
-)
+from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, check_number, check_numbers, present
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9

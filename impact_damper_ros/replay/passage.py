@@ -13,7 +13,8 @@ from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.motion.event import Event, Sample, table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.rig.observed_run import Observer, TimedOrder, run
-from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Outcome
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 
 from .rows import NO_EVENTS, NO_SAMPLES, Events, Numbers, Samples, samples_as_rows

@@ -29,7 +29,8 @@ from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.plain import differences
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
 from impact_damper_ros.rig.observed_run import TimedOrder
-from impact_damper_ros.rig.rig import Outcome, Rig
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Outcome
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 

@@ -11,8 +11,9 @@ from impact_damper_ros.compare import Overall, StretchComparison
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
+from impact_damper_ros.parameters.all_parameters import unit_of
 from impact_damper_ros.parameters.quoting import counted, setting
-from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .formatting import NONE, Unit, instant, number, quantity, unit_for

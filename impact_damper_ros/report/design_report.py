@@ -21,8 +21,8 @@ from impact_damper_ros.design.mass_damper import (
 )
 from impact_damper_ros.design.worst_case import WorstCase, WorstCases
 from impact_damper_ros.orbits.branch import Span
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.plain import as_plain
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .csv_tables import row

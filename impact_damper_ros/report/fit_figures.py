@@ -14,8 +14,8 @@ from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import RigFit
 from impact_damper_ros.fit.structure import StructureFit
 
-from .charts import NARROW, WIDE, Picture
 from .drawing import COLORS, IMPACTS, unit_axis
+from .picture import NARROW, WIDE, Picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

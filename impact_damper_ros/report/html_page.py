@@ -18,8 +18,8 @@ from unicodedata import category
 from impact_damper_ros.outputs import write_texts
 from impact_damper_ros.parameters.plain import json_text
 
-from .charts import Picture
 from .drawing import inline_svg
+from .picture import Picture
 
 
 class Shown(NamedTuple):

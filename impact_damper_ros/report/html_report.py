@@ -21,7 +21,7 @@ from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.theory.gap_curve import GapCurve
 
-from .charts import PICTURES, draw_run
+from .charts import PICTURES
 from .comparison_tables import (
     STRETCH_TABLES,
     cause_of,
@@ -33,6 +33,7 @@ from .comparison_tables import (
 from .drawing import page_style
 from .formatting import instant, number, quantity
 from .html_page import Shown, on_page, rendered, write_page
+from .motion_charts import draw_run
 from .swept_response_figure import base_amplitude
 
 #: Stretches that are shown in detail, and those that are listed: more would make the page useless.

@@ -16,8 +16,8 @@ from impact_damper_ros.compare.result import Array, LoggedStretch, Overall
 from impact_damper_ros.compare.stretches import RecordedStretch, Stretches
 from impact_damper_ros.motion.event import SAMPLE_TYPE
 from impact_damper_ros.orbits.settled_motion import cycle_of
+from impact_damper_ros.parameters.all_parameters import unit_of
 from impact_damper_ros.parameters.quoting import counted, setting
-from impact_damper_ros.parameters.rig_parameters import unit_of
 from impact_damper_ros.replay.command import Command, Setting
 from impact_damper_ros.replay.replay import Part
 from impact_damper_ros.replay.rows import NO_EVENTS, NO_SAMPLES, Samples

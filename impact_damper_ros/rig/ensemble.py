@@ -24,11 +24,7 @@ from impact_damper_ros.control.state import (
 )
 from impact_damper_ros.motion.compiled import dtype_of, packed, rows_of
 from impact_damper_ros.motion.event import SAMPLE_TYPE, EventRow, Sample
-from impact_damper_ros.motion.next_event import (
-    ALL_STEPS,
-    COMMANDS_FULL,
-    LAW_FAILED,
-)
+from impact_damper_ros.motion.next_event import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
 from impact_damper_ros.motion.oscillator import oscillators
 from impact_damper_ros.motion.state import (
     Mode,
@@ -39,19 +35,23 @@ from impact_damper_ros.motion.state import (
     rig_fields,
     starting_fields,
 )
+from impact_damper_ros.parameters.gap_control_parameters import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+)
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
     PARAMETER_SPECS,
-    GapControlParameters,
     InitialConditions,
     RigParameters,
     check_rig,
 )
 
 from .loop import run_compiled
-from .rig import Outcome, later_time, most_of, own_law_of, times_between
+from .rig_state import own_law_of
+from .run_arguments import later_time, most_of, times_between
+from .run_result import Outcome
 from .runaway import MOST_IN_PERIOD
 
 #: Rigs between two moments at which a run can be interrupted.

@@ -50,6 +50,7 @@ from impact_damper_ros.motion.event import (
     write_passage,
 )
 from impact_damper_ros.motion.flight import Motion, motion_at, move_to, places_after
+from impact_damper_ros.motion.moving_stops import move_stops
 from impact_damper_ros.motion.next_event import (
     COMMANDS_FULL,
     DONE,
@@ -67,7 +68,7 @@ from impact_damper_ros.motion.next_event import (
     next_event,
 )
 from impact_damper_ros.motion.state import Moving, Run, carried_to
-from impact_damper_ros.motion.transition import begin_from, move_stops, report_support, resolve
+from impact_damper_ros.motion.transition import begin_from, report_support, resolve
 from impact_damper_ros.motion.zero_passage import pass_zero, set_side
 
 #: Each `Action` as a number, for the kernels.

@@ -10,8 +10,9 @@ from itertools import chain, groupby, takewhile
 from typing import Any, NamedTuple
 
 from impact_damper_ros.motion.event import Event
+from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.rig_parameters import GapControlParameters, RigParameters
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .order import Order
 from .rig import Rig

@@ -12,12 +12,15 @@ changes, a step waits for the next upward zero of the line.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import chain, repeat
 from math import ceil, exp, floor, inf, log, log1p, nan, pi, tau
 from operator import attrgetter
 from typing import Any, NamedTuple
 
+from impact_damper_ros.motion.state import Wave
+from impact_damper_ros.parameters.base_motion import angles_after
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
 # A range this little longer than a whole number of steps ends with the last of them.
@@ -214,3 +217,26 @@ class FirstAngle(NamedTuple):
 def sweep_of(parameters: RigParameters) -> tuple[object, ...]:
     """Return what a sweep is made of: a change of any of it starts the sweep anew."""
     return _sweep_fields(parameters)
+
+
+def waves_after(before: RigParameters, waves: Sequence[Wave], after: RigParameters) -> list[Wave]:
+    """
+    Return the harmonics with which a rig goes on with other parameters.
+
+    A harmonic keeps its angle by its index in its group, an added one begins with zero; those of
+    the base go on as `angles_after` says.
+    """
+    groups: dict[str, list[float]] = {}
+    first = 0
+    for name, (amplitudes, _, _) in before.harmonic_groups.items():
+        groups[name] = [wave.angle for wave in waves[first : first + len(amplitudes)]]
+        first += len(amplitudes)
+    base, other = before.base_motion, after.base_motion
+    if base != other:
+        groups['base'] = angles_after(base, groups.get('base', []), other)
+    angles = [
+        angle
+        for name, (amplitudes, _, _) in after.harmonic_groups.items()
+        for angle, _ in zip(chain(groups.get(name, []), repeat(0.0)), amplitudes, strict=False)
+    ]
+    return list(map(Wave, angles))

@@ -16,7 +16,8 @@ from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import TRANSMISSIBILITIES, Transmissibility
-from impact_damper_ros.parameters.rig_parameters import RigParameters, unit_of
+from impact_damper_ros.parameters.all_parameters import unit_of
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.report.branch_figure import SPECIAL_MARKS
 from impact_damper_ros.report.drawing import (

@@ -15,14 +15,16 @@ import numpy.typing as npt
 
 import impact_damper_ros
 from impact_damper_ros.control.own_law import OwnLaw
+from impact_damper_ros.parameters.all_parameters import RIG_SPECS
 from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
+from impact_damper_ros.parameters.gap_control_parameters import (
+    GAP_CONTROL_SPECS,
+    GapControlParameters,
+)
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.quoting import counted, named, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
     INITIAL_SPECS,
-    RIG_SPECS,
-    GapControlParameters,
     InitialConditions,
     RigParameters,
 )

@@ -28,7 +28,8 @@ from impact_damper_ros.parameters.parameter_spec import (
     whole_number,
 )
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
-from impact_damper_ros.rig.rig import Events, Outcome, Rig, RunResult
+from impact_damper_ros.rig.rig import Rig
+from impact_damper_ros.rig.run_result import Events, Outcome, RunResult
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
 

@@ -20,7 +20,7 @@ from setup_file import COMMANDS
 import impact_damper_ros
 from impact_damper_ros import EventKind, ParameterError, Rig, load_parameters
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 README = ROOT / 'README.md'

@@ -13,7 +13,7 @@ from running import DEADLINE_S, Running
 
 from impact_damper_ros.cli import set_rig, sim_node
 from impact_damper_ros.cli.command_line import CommandError
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 
 
 @pytest.fixture(scope='module')

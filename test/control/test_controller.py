@@ -5,10 +5,7 @@ import json
 
 import pytest
 
-from control.controlled_rigs import (
-    TRIAL,
-    control,
-)
+from control.controlled_rigs import TRIAL, control
 from impact_damper_ros import (
     Action,
     EventKind,
@@ -19,7 +16,7 @@ from impact_damper_ros import (
 )
 from impact_damper_ros.control.controller import begin_sampling, control_of
 from impact_damper_ros.control.state import LAW_NUMBERS, PARTS, damper_of
-from impact_damper_ros.parameters.rig_parameters import GAP_CONTROL_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 
 
 @pytest.mark.parametrize(('time', 'rate'), [(0.0, 32.0), (10.0, 32.0), (9.99, 0.5), (1e6, 7.0)])

@@ -7,17 +7,8 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
-from impact_damper_ros.motion.first_event import (
-    APPROACH,
-    CLEAR,
-    TURN,
-    Point,
-    falling_root,
-    falls,
-    keeps_sign,
-    turned_root,
-    way_between,
-)
+from impact_damper_ros.motion.certificate import falling_root, falls, keeps_sign, turned_root
+from impact_damper_ros.motion.first_event import APPROACH, CLEAR, TURN, Point, way_between
 from impact_damper_ros.motion.flight import (
     CONTACT_1,
     CONTACT_2,

@@ -6,15 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from impact_damper_ros.motion.first_event import next_point
-from impact_damper_ros.motion.flight import (
-    begin_flight,
-    motion_at,
-    sine_and_cosine,
-    starting_motion,
-)
+from impact_damper_ros.motion.flight import begin_flight, motion_at, starting_motion
 from impact_damper_ros.motion.oscillator import POINTS, free_bound
 from impact_damper_ros.motion.state import Moving
+from impact_damper_ros.motion.waves import next_point, sine_and_cosine
 from motion.break_contact import flights_of, launchable, plain
 from oracle.flight_cases import EPS, REAL, exact_motion, precise, round_off
 from oracle.flight_generators import random_flights

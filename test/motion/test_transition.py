@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
-from impact_damper_ros.motion.transition import (
+from impact_damper_ros.motion.impact import (
     CHATTER_HEIGHT,
     CHATTER_INSTANT_TOLERANCE,
     CHATTER_SPAN,

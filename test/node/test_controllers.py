@@ -25,7 +25,7 @@ from impact_damper_ros.node.commands import (
     read_stop_command,
 )
 from impact_damper_ros.node.external_control import ExternalControl
-from impact_damper_ros.parameters.rig_parameters import NodeSettings
+from impact_damper_ros.parameters.node_settings import NodeSettings
 from node.rig_client import LIVELY, LiveRig, RigClient, SimProcess, stamp_ns
 
 RIG = RigParameters(**{name: json.loads(str(value)) for name, value in LIVELY.items()})

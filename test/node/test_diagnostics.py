@@ -7,7 +7,7 @@ from rclpy.serialization import deserialize_message
 from impact_damper_ros import Action, ControlRecord, GapControlParameters
 from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.node.diagnostics import Diagnostics
-from impact_damper_ros.node.engine import EngineStatus
+from impact_damper_ros.node.engine_state import EngineStatus
 from impact_damper_ros.node.external_control import ControllerStatus
 from impact_damper_ros.node.motion_report import MotionReport
 from impact_damper_ros.node.pacing import PacingCounts

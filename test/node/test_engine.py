@@ -24,12 +24,9 @@ from impact_damper_ros.node.commands import CommandInbox, CommandTopic, read_sto
 from impact_damper_ros.node.engine import LOG_BACKLOG
 from impact_damper_ros.node.pacing import CATCH_UP_NS
 from impact_damper_ros.node.publishing import TopicPublisher
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-)
+from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS, PARAMETER_SPECS
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
 from node.bench import LIVELY, NAMES, Bench, MadeTime, done, event_bytes

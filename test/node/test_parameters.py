@@ -12,10 +12,10 @@ from running import DEADLINE_S, Running
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
 from impact_damper_ros.node import engine
-from impact_damper_ros.node.engine import wait_for
+from impact_damper_ros.node.engine_state import wait_for
 from impact_damper_ros.node.parameters import descriptor
 from impact_damper_ros.node.sim_node import SimNode
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 
 
 def test_every_parameter_is_declared_and_described(rig):

@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile
 
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.messages import PARAMETER_EVENT, decode
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from node.rig_client import LIVELY
 
 #: How many; with --hypothesis-profile=search the second.

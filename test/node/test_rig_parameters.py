@@ -19,8 +19,9 @@ from impact_damper_ros.node.parameters import (
     readable,
     values_in,
 )
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.parameters_file import values_given
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS, INITIAL_SPECS, PARAMETER_SPECS
+from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS, PARAMETER_SPECS
 
 Type = Parameter.Type
 

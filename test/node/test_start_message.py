@@ -3,7 +3,7 @@
 from running import SOURCE
 
 from impact_damper_ros.node.parameters import parameters_from_overrides
-from impact_damper_ros.node.sim_node import given_text, start_message
+from impact_damper_ros.node.start_message import given_text, start_message
 from impact_damper_ros.node.usage import USAGE
 from node.rig_client import LIVELY
 

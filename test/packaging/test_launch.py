@@ -5,7 +5,7 @@ import ast
 import pytest
 from running import SOURCE
 
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 
 PATH = SOURCE / 'launch' / 'rig.launch.py'
 TREE = ast.parse(PATH.read_text())

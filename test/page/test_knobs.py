@@ -7,7 +7,7 @@ from pathlib import Path
 
 import impact_damper_ros
 from impact_damper_ros.page.knobs import as_json, knobs_of
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 
 PACKAGE = Path(impact_damper_ros.__file__).parent
 

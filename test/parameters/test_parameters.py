@@ -14,14 +14,10 @@ from impact_damper_ros import (
     ParameterError,
     RigParameters,
 )
-from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
-    GAP_CONTROL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-    SETTING_SPECS,
-    NodeSettings,
-)
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
+from impact_damper_ros.parameters.node_settings import SETTING_SPECS, NodeSettings
+from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS, PARAMETER_SPECS
 
 TABLES = {
     RigParameters: PARAMETER_SPECS,

@@ -23,13 +23,10 @@ from impact_damper_ros import (
 )
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.cli.solve_periodic import main as solve_periodic
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 from impact_damper_ros.parameters.parameters_file import MOST_BYTES, YamlError, presets, read_yaml
-from impact_damper_ros.parameters.rig_parameters import (
-    ALL_SPECS,
-    GAP_CONTROL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-)
+from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS, PARAMETER_SPECS
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 HEAD = '/**:\n  ros__parameters:\n'

@@ -17,7 +17,7 @@ from impact_damper_ros import (
     RigParameters,
     run_ensemble,
 )
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 
 LEVEL = RigParameters(gravity=0.0)
 FREE = LEVEL.replace(gap=1000.0, force_amplitudes=(0.0,))

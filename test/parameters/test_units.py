@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from impact_damper_ros.parameters.rig_parameters import ALL_SPECS
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.units import UNITS, USUAL, quantity
 
 

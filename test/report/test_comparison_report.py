@@ -22,14 +22,7 @@ from impact_damper_ros.report.formatting import instant, number, unit_for
 
 pytest.importorskip('matplotlib', reason='the report has plots')
 
-from impact_damper_ros.report.charts import (
-    PICTURES,
-    draw_history,
-    draw_run,
-    predicted_impacts,
-    predicted_lines,
-    predicted_motion,
-)
+from impact_damper_ros.report.charts import PICTURES
 from impact_damper_ros.report.drawing import COLORS, inline_svg, page_style
 from impact_damper_ros.report.html_report import (
     MOST_DETAILED,
@@ -38,6 +31,13 @@ from impact_damper_ros.report.html_report import (
     shown_stretches,
     with_gap_curves,
     write_report,
+)
+from impact_damper_ros.report.motion_charts import (
+    draw_history,
+    draw_run,
+    predicted_impacts,
+    predicted_lines,
+    predicted_motion,
 )
 
 STYLE = (files('impact_damper_ros.report') / 'template' / 'report.css').read_text('utf-8')

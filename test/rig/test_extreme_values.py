@@ -16,11 +16,8 @@ from impact_damper_ros import (
     load_parameters,
 )
 from impact_damper_ros.motion.compiled import has_numba
-from impact_damper_ros.parameters.rig_parameters import (
-    GAP_CONTROL_SPECS,
-    INITIAL_SPECS,
-    PARAMETER_SPECS,
-)
+from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
+from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS, PARAMETER_SPECS
 
 BENCH = load_parameters('bench_rig')[0]
 NAMES = [

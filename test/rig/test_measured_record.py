@@ -12,7 +12,8 @@ from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.measured.record import MeasuredRecord
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import RECORDED, STORED
-from impact_damper_ros.parameters.rig_parameters import GapControlParameters, InitialConditions
+from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
+from impact_damper_ros.parameters.rig_parameters import InitialConditions
 from impact_damper_ros.rig.order import Order
 
 BENCH = UNFORCED.replace(restitution_2=0.7)

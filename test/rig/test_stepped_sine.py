@@ -144,7 +144,7 @@ def test_a_signal_leaves_a_long_run_where_it_was(monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr('impact_damper_ros.rig.rig.constants_of', ring)
+        patch.setattr('impact_damper_ros.rig.rig_state.constants_of', ring)
         with pytest.raises(KeyboardInterrupt):
             run.run(0.15)
     assert (run.snapshot(), run.force_frequency) == before

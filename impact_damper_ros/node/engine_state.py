@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What other threads ask of the engine, and see of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from enum import Enum
+from typing import Any, NamedTuple, TypeAlias
+
+from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
+
+from .external_control import ControllerStatus
+from .pacing import ORDINARY, PacingCounts
+
+
+class NotNowError(Exception):
+    """A request that the engine cannot carry out as things are."""
+
+
+class Done(NamedTuple):
+    """A request that was carried out: rig time at which it took effect, and its result."""
+
+    time_ns: int
+    result: Any = None
+
+
+#: A request to the engine; it fails with the reason why it had no effect.
+Request: TypeAlias = 'Future[Done]'
+
+#: Longest wait for the engine.
+ANSWER_TIMEOUT_S = 10.0
+
+
+def wait_for(request: Request) -> Done:
+    """Wait for a request; one that takes too long is withdrawn."""
+    try:
+        return request.result(ANSWER_TIMEOUT_S)
+    except TimeoutError:
+        withdrawn = request.cancel()
+        if not withdrawn and request.done():
+            return request.result()
+        rest = 'the request is withdrawn' if withdrawn else 'it is still being carried out'
+        text = f'the rig has not answered within {ANSWER_TIMEOUT_S:g} s: {rest}'
+        raise NotNowError(text) from None
+
+
+class Running(Enum):
+    """Whether the rig moves, and until when."""
+
+    ON = 'on'
+    STEP = 'step'
+    PAUSED = 'paused'
+    HELD = 'held'
+
+
+class Step(NamedTuple):
+    """A step of a paused rig: whether its end is reached, and who waits for it."""
+
+    reached: Callable[[], bool]
+    ended: Request
+
+
+class State(NamedTuple):
+    """Whether the rig moves, and why it does not."""
+
+    running: Running = Running.ON
+    held: str = ''  # the reason why it cannot continue
+    after: Running = Running.ON  # of a rig that is held: its state once it can
+    step: Step | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the rig moves."""
+        return self.running in (Running.ON, Running.STEP)
+
+    @property
+    def paused(self) -> bool:
+        """Whether it is paused, or will be once it can continue."""
+        return Running.PAUSED in (self.running, self.after)
+
+
+ON, PAUSED = State(), State(Running.PAUSED)
+
+
+class EngineStatus(NamedTuple):
+    """State of the engine, for other threads; all numbers are counted from its start."""
+
+    time_ns: int
+    paused: bool
+    mode: str
+    impacts: int
+    recorded: int  # messages given to the recording
+    pacing: PacingCounts
+    control: GapControlParameters = GapControlParameters()
+    commands: int = 0  # of the gap control
+    last_act: ControlRecord | None = None
+    scheduling: str = ORDINARY
+    held: str = ''  # the reason why the rig cannot continue
+    events: int = 0  # impacts among them
+    controller: ControllerStatus = ControllerStatus()
