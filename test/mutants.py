@@ -1,27 +1,41 @@
 """
 Which altered operators the tests of a room notice: `make mutants ROOM=rig COUNT=60`.
 
-Of all places in a room where one operator can be altered, a fixed draw is taken. Each is altered
-in a copy of the package by cosmic-ray. The room's own tests run until one fails: first those that
-run the altered line, then the others of their files. Places without a failure are printed. Altered
-kernels run as plain Python: compiling them anew takes longest.
+Of all places in a room where one operator can be altered, a fixed draw is taken; cosmic-ray alters
+one at a time. The tests of the room are imported once, in a copy of the package. For each place
+they run in a process forked from there, in which the altered functions have their new code, until
+one fails: first those that run the altered line, the shortest before the others, then the others
+of their files. Where a module has to be imported anew they run in a process of their own. Places
+without a failure are printed. Altered kernels run as plain Python: compiling them anew takes
+longest.
 """
 
 import argparse
+import contextlib
+import difflib
+import gc
+import json
 import os
 import random
-import re
-import shlex
+import resource
 import shutil
+import signal
+import subprocess
 import sys
 import tempfile
+import time
+import traceback
+from collections import defaultdict
+from functools import partial
 from pathlib import Path
+from types import CodeType, FunctionType
 
 import coverage
+import pytest
 from cosmic_ray.commands import init
 from cosmic_ray.modules import find_modules
-from cosmic_ray.mutating import mutate_and_test
-from cosmic_ray.testing import run_tests
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.plugins import get_operator
 from cosmic_ray.work_db import WorkDB, use_db
 
 ROOT = Path(__file__).parents[1]
@@ -50,83 +64,213 @@ def version(name):
 metadata.version = version
 sys.modules['numba'] = None
 """
+#: What an endless loop may fill, bytes
+MEMORY = 6 * 2**30
 
 
-def tests_by_line(place: Path) -> dict[tuple[str, int], set[str]]:
-    """Return which tests run each line of a room, by coverage; '' where it is imported."""
-    data = coverage.CoverageData(str(place / '.coverage'))
-    data.read()
-    return {
-        (path, line): {context.partition('|')[0] for context in contexts}
-        for path in data.measured_files()
-        for line, contexts in data.contexts_by_lineno(path).items()
-    }
+def new_codes(path: str, before: str, after: str) -> list[tuple[FunctionType, CodeType]] | None:
+    """Return functions of a module with their new code; None if not only functions change."""
+    functions = defaultdict(list)
+    for one in gc.get_objects():
+        if isinstance(one, FunctionType) and one.__code__.co_filename == path:
+            functions[one.__code__].append(one)
+    changes = []
+
+    def compare(old: CodeType, new: CodeType, inside: bool) -> bool:
+        changes.extend((one, new) for one in functions[old] if old != new)
+        inside = inside or bool(functions[old])
+        parts, others = (
+            [c for c in code.co_consts if isinstance(c, CodeType)] for code in (old, new)
+        )
+        same = old.co_code == new.co_code and all(
+            a == b for a, b in zip(old.co_consts, new.co_consts, strict=False) if a not in parts
+        )
+        pairs = zip(parts, others, strict=True)
+        return (same or inside) and all(compare(*pair, inside) for pair in pairs)
+
+    known = compare(compile(before, path, 'exec'), compile(after, path, 'exec'), False)
+    return changes if known else None
 
 
-def words_of(tests: set[str]) -> str:
-    """Return tests, and then all of their files, as words of a command."""
-    files = {test.partition('::')[0] for test in tests}
-    return ' '.join(map(shlex.quote, [*sorted(tests), *sorted(files)]))
+class Course:
+    """The tests of a room, which run for one altered place after another."""
+
+    def __init__(self, place: Path, items: list, tests: list[str], timeout: float):
+        self.place, self.mutants, self.tests, self.timeout = place, items, tests, timeout
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.failed: list[str] = []
+        self.last = False
+        self.noticed = 0
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keep how long a test takes and whether it fails, the end for an altered one."""
+        self.seconds[report.nodeid] += report.duration
+        if report.failed:
+            self.failed.append(report.nodeid)
+            if self.last:
+                (self.place / 'by').write_text(report.nodeid)
+                os._exit(1)
+
+    def forked(self, work, seconds: float) -> bool:
+        """Do work in a process of its own; return whether it has come to its end."""
+        if not (child := os.fork()):
+            os.setsid()
+            for number in (0, 1, 2):
+                os.dup2(os.open(os.devnull, os.O_RDWR), number)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
+            resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+            try:
+                work()
+            except BaseException:
+                (self.place / 'by').write_text(traceback.format_exc())
+                os._exit(1)
+            os._exit(0)
+        end = time.monotonic() + 10.0 * seconds
+        while not (ended := os.waitpid(child, os.WNOHANG))[0] and time.monotonic() < end:
+            time.sleep(0.02)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+        if not ended[0]:
+            ended = os.waitpid(child, 0)
+        return ended[1] == 0
+
+    def look(self) -> None:
+        """Keep which tests run each line, and those that fail already or take no compiler."""
+        cover = coverage.Coverage(
+            data_file=self.place / '.coverage',
+            config_file=False,
+            include=[str(self.place / 'impact_damper_ros' / '*')],
+        )
+        cover.start()
+        self.each(self.items, cover.switch_context)
+        cover.stop()
+        cover.save()
+        self.note()
+
+    def each(self, items, begin=None) -> None:
+        """Run tests."""
+        for number, item in enumerate(items, 1):
+            if begin is not None:
+                begin(item.nodeid)
+            after = items[number] if number < len(items) else None
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
+
+    def note(self) -> None:
+        """Keep for the other processes what failed, and how long each test takes."""
+        (self.place / 'seconds.json').write_text(json.dumps([self.failed, self.seconds]))
+
+    def run(self, items, changes=None) -> None:
+        """Run tests, with other code of functions until one fails."""
+        self.last = changes is not None
+        for function, code in changes or ():
+            function.__code__ = code
+        self.each(items)
+        if changes is None:
+            self.note()
+
+    def imported(self) -> bool:
+        """Run all tests in a process that imports everything anew; return whether all pass."""
+        leave = [word for name in self.failed for word in ('--deselect', name)]
+        words = [sys.executable, '-m', 'pytest', '-q', '-x', '-p', 'no:cacheprovider']
+        process = subprocess.Popen(
+            [*words, *leave, *self.tests],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            return process.wait(10.0 * self.timeout) == 0
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            return False
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Run the tests as they are, then for each altered place."""
+        self.items = session.items
+        items = self.items
+        # Once for the lines, once in the order of what follows
+        for look in (True, False):
+            work = self.look if look else partial(self.run, items)
+            self.forked(work, 20.0 * self.timeout)
+            failed, seconds = json.loads((self.place / 'seconds.json').read_text())
+            self.failed += failed
+            items = [item for item in items if item.nodeid not in failed]
+            items.sort(key=lambda item: seconds[item.nodeid])
+        for name in self.failed:
+            print(f'left out: {name}', flush=True)
+        (self.place / 'by').write_text('by its end')
+        cover = coverage.CoverageData(str(self.place / '.coverage'))
+        cover.read()
+        for number, mutant in enumerate(self.mutants, 1):
+            path, lines = mutant.module_path, (mutant.start_pos[0], mutant.end_pos[0])
+            tests = cover.contexts_by_lineno(str(path))
+            those = {t for n in range(lines[0], lines[1] + 1) for t in tests.get(n, ())}
+            files = {name.partition('::')[0] for name in those}
+            first = [item for item in items if item.nodeid in those]
+            then = [i for i in items if i.nodeid not in those and i.nodeid.split('::')[0] in files]
+            before = path.read_text()
+            operator = get_operator(mutant.operator_name)(**(mutant.operator_args or {}))
+            after = mutate_code(before, operator, mutant.occurrence)
+            changes = new_codes(str(path), before, after)
+            path.write_text(after)
+            # A compiled file of the same second and size would be taken for this one's.
+            os.utime(path, (number, number))
+            if changes is None:
+                good = self.imported()
+            else:
+                good = self.forked(partial(self.run, first + then, changes), self.timeout)
+            path.write_text(before)
+            self.noticed += not good
+            where = f'{path.relative_to(self.place)}:{lines[0]} {mutant.operator_name[5:]}'
+            by = (self.place / 'by').read_text() if changes and not good else ''
+            (self.place / 'by').write_text('by its end')
+            print(f'{number}: {where}: {"NOT " * good}noticed {by}', flush=True)
+            if good:
+                lines = (before.splitlines(), after.splitlines())
+                print(*list(difflib.unified_diff(*lines, lineterm='', n=1))[2:], sep='\n')
+        return True
+
+
+def drawn(room: Path, count: int, seed: int) -> tuple[list, int]:
+    """Return a draw of places where an operator can be altered, and how many there are."""
+    with use_db(str(room / 'mutants.sqlite'), WorkDB.Mode.create) as work:
+        init(sorted(find_modules([room])), work, {})
+        items = [item.mutations[0] for item in work.work_items]
+    items = [item for item in items if item.operator_name in OPERATORS]
+    items.sort(key=lambda item: (item.module_path, item.start_pos))
+    return random.Random(seed).sample(items, min(count, len(items))), len(items)
 
 
 def main() -> int:
-    """Draw, alter, test, and print what is not noticed."""
+    """Copy the package, draw, alter, test, and print what is not noticed."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n\n')[0].strip())
     parser.add_argument('room', help='a folder of the package and of test/')
     parser.add_argument('--count', type=int, default=60, help='size of the draw [60]')
     parser.add_argument('--seed', type=int, default=1, help='of the draw [1]')
     parser.add_argument('--tests', nargs='+', help='in place of the tests of the room')
-    parser.add_argument('--timeout', type=float, default=600.0, help='for the tests of one, s')
+    parser.add_argument('--timeout', type=float, default=300.0, help='processor time of one, s')
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix='mutants_') as folder:
-        place = Path(folder)
-        for name in FOLDERS:
-            shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns('_build'))
-        for path in filter(Path.is_file, ROOT.iterdir()):
-            shutil.copy(path, place)
-        room = place / 'impact_damper_ros' / given.room
-        if any('@kernel' in path.read_text() for path in room.glob('*.py')):
-            (place / 'sitecustomize.py').write_text(PLAIN)
-        # Python looks there first.
-        os.chdir(place)
-        tests = ' '.join(given.tests or [f'test/{given.room}'])
-        command = (
-            f'env -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH={place} '
-            f'{sys.executable} -m pytest -q -p no:cacheprovider'
-        )
-        # Those that need a compiler are left out.
-        look = f'--tb=no --cov=impact_damper_ros/{given.room} --cov-context=test --cov-report='
-        outcome, output = run_tests(f'{command} {look} {tests}', 10.0 * given.timeout)
-        command += ' -x'
-        for name in re.findall(r'^FAILED (\S+)', output, re.MULTILINE):
-            print(f'left out: {name}', flush=True)
-            command += f' --deselect {shlex.quote(name)}'
-        lines = tests_by_line(place)
-        if not lines:
-            print(output)
-            return 1
-        with use_db(str(place / 'mutants.sqlite'), WorkDB.Mode.create) as work:
-            modules = sorted(find_modules([room]))
-            init(modules, work, {})
-            items = [
-                item for item in work.work_items if item.mutations[0].operator_name in OPERATORS
-            ]
-        items.sort(key=lambda item: (item.mutations[0].module_path, item.mutations[0].start_pos))
-        drawn = random.Random(given.seed).sample(items, min(given.count, len(items)))
-        noticed = 0
-        for number, item in enumerate(drawn, 1):
-            (where,) = item.mutations
-            path, line = where.module_path.relative_to(place), where.start_pos[0]
-            places = range(line, where.end_pos[0] + 1)
-            those = set().union(*(lines.get((str(where.module_path), n), ()) for n in places))
-            some = tests if '' in those else words_of(those) if those else '--version'
-            result = mutate_and_test(item.mutations, f'{command} {some}', given.timeout)
-            noticed += result.is_killed
-            outcome = 'noticed' if result.is_killed else 'NOT noticed'
-            print(f'{number}: {path}:{line} {where.operator_name[5:]}: {outcome}', flush=True)
-            if not result.is_killed:
-                print(result.diff, flush=True)
-        print(f'{given.room}: {noticed} of {len(drawn)} are noticed ({len(items)} places)')
+    if 'MUTANTS' not in os.environ:
+        with tempfile.TemporaryDirectory(prefix='mutants_') as folder:
+            for name in FOLDERS:
+                left_out = shutil.ignore_patterns('_build', '__pycache__')
+                shutil.copytree(ROOT / name, Path(folder, name), ignore=left_out)
+            for path in filter(Path.is_file, ROOT.iterdir()):
+                shutil.copy(path, folder)
+            room = Path(folder, 'impact_damper_ros', given.room)
+            if any('@kernel' in path.read_text() for path in room.glob('*.py')):
+                Path(folder, 'sitecustomize.py').write_text(PLAIN)
+            environment = {**os.environ, 'PYTHONPATH': folder, 'MUTANTS': '1'}
+            environment.pop('_ROS_WHEELS_BOOTSTRAP_COMPLETE', None)
+            words = [sys.executable, f'{folder}/test/mutants.py', *sys.argv[1:]]
+            return subprocess.run(words, cwd=folder, env=environment, check=False).returncode
+    tests = given.tests or [f'test/{given.room}']
+    mutants, places = drawn(ROOT / 'impact_damper_ros' / given.room, given.count, given.seed)
+    course = Course(ROOT, mutants, tests, given.timeout)
+    options = ['-q', '-s', '-p', 'no:cacheprovider', '--basetemp', str(ROOT / 'scratch')]
+    pytest.main([*options, *tests], plugins=[course])
+    print(f'{given.room}: {course.noticed} of {len(mutants)} are noticed ({places} places)')
     return 0
 
 
