@@ -9,13 +9,10 @@ from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
-from running import SOURCE
 
 from impact_damper_ros import Rig, RigParameters, load_parameters
 from impact_damper_ros.cli.design_damper import _parser, _rig, main
-from impact_damper_ros.cli.fit_rig import main as fit_rig
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.design.fitted import load_fitted
 from impact_damper_ros.design.runs_from_rest import at_level, from_rest
 
 STRUCTURE = ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--base', '0.2g']
@@ -251,16 +248,17 @@ def test_without_numba(monkeypatch, capsys):
     assert 'pip install "numba>=0.59"' in capsys.readouterr().err
 
 
-def test_numbers_as_people_type_them(tmp_path):
+def test_numbers_as_people_type_them():
     """A decimal comma, a frequency by its speed of rotation, levels in percent."""
-    written = []
-    for frequency, base, levels in (('10 Hz', '0.2g', '0.9:1.1'), ('600rpm', '0,2 g', '90%:110%')):
-        path = tmp_path / f'{len(written)}.json'
+    known = []
+    for typed in ('10Hz 0.2g 0.9:1.1 0.05', '600rpm 0,2g 90%:110% 5%'):
+        frequency, base, levels, mass_ratio = typed.split()
         words = ['--mass', '5kg', '--damping-ratio', '2%', '--restitution', '0.6']
         words += ['--frequency', frequency, '--base', base, '--levels', levels]
-        assert main([*words, '--mass-ratio', '5%', '--json', str(path)]) == 0
-        written.append(json.loads(path.read_text()))
-    assert written[0] == written[1]
+        given = _parser().parse_args([*words, '--mass-ratio', mass_ratio])
+        known.append((*_rig(given), given.levels, given.mass_ratio))
+    assert known[0] == known[1]
+    assert known[0][0].base_amplitudes == pytest.approx((0.2 * 9.80665,), rel=1e-15)
 
 
 def test_a_structure_has_to_be_known(capsys):
@@ -316,29 +314,6 @@ def test_intervals_of_a_fit_are_the_uncertainty(tmp_path):
         'stiffness': (19700.0, 19780.0),
     }
     assert found == rig
-
-
-def test_from_measured_data_to_a_damper(tmp_path, capsys):
-    """What fit_rig writes is read, and other options take the place of parts of it."""
-    twin = SOURCE / 'examples' / 'twin'
-    fit, result = tmp_path / 'fit.json', tmp_path / 'design.json'
-    files = [twin / 'start.csv', '--impacts', twin / 'hits.csv', '--rig', twin / 'rig.yaml']
-    assert fit_rig([str(word) for word in (*files, '--json', fit)]) == 0
-    known = json.loads(fit.read_text())
-    assert load_fitted(fit).values == known['rig']
-    assert known['rig']['damper_mass'] == pytest.approx(0.12, rel=5e-3)
-    assert main(['--fitted', str(fit), '--mass-ratio', '5%', '--json', str(result)]) == 0
-    found = json.loads(result.read_text())
-    for name in ('restitution_1', 'friction', 'stiffness', 'damping'):
-        interval = known['parameters'][name]['interval']
-        assert found['uncertain']['ranges'][name] == pytest.approx(interval, rel=1e-9)
-    assert found['chosen']['mass_ratio'] == pytest.approx(0.05)
-    assert found['chosen']['parameters']['force_amplitudes'] == known['rig']['force_amplitudes']
-    assert known['rig']['force_amplitudes'] == pytest.approx([1.5], rel=0.01)
-    text = ' '.join(capsys.readouterr().out.split())
-    low, high = (f'{end:.4g}' for end in known['parameters']['stiffness']['interval'])
-    assert f'stiffness from {low} to {high} N/m' in text
-    assert re.search(r'with R from 0\.\d+ to 0\.\d+, friction from 0\.\d+ to 0\.\d+, stiff', text)
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ class RigClient:
             with self._lock:
                 for rig in self._rigs.values():
                     rig.poll()
-            time.sleep(0.003)
+            time.sleep(0.005)
 
     def __enter__(self):
         return self
