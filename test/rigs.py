@@ -1,6 +1,8 @@
 """The rigs that tests of several folders use."""
 
 import math
+from pathlib import Path
+from runpy import run_path
 
 from impact_damper_ros import RigParameters
 
@@ -60,3 +62,5 @@ TABLE = RigParameters.of_structure(
     base_amplitudes='0.2 g',
     base_frequencies='10 Hz',
 )
+#: The rig that examples/twin measures
+TWIN = run_path(str(Path(__file__).parents[1] / 'examples' / 'twin' / 'measure.py'))['TRUE']

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from rigs import TWIN
 
 from fit.random_rigs import errors, guess_of, measure, random_rig
-from impact_damper_ros import InitialConditions, Rig, RigParameters
+from impact_damper_ros import InitialConditions, Rig
 from impact_damper_ros.fit.excitation import excited, tones_of
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import fit_rig
@@ -108,17 +109,7 @@ def test_a_shaken_base(bench):
 
 def test_a_release_without_a_force():
     """M is pulled back, and rings down with the damper in it."""
-    rig = RigParameters(
-        primary_mass=2.0,
-        stiffness=2031.0,
-        damping=0.6,
-        damper_mass=0.12,
-        gap=0.0187,
-        restitution_1=0.62,
-        restitution_2=0.62,
-        friction=0.015,
-        force_amplitudes=0.0,
-    )
+    rig = TWIN.replace(damping=0.6, force_amplitudes=0.0)
     state = InitialConditions(initial_primary_position=0.03)
     record = _recorded(rig, state, 900, np.random.default_rng(1))
     fit = fit_rig(record, rig.replace(stiffness=2100.0, damping=0.9, gap=1.0, friction=0.0))

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from rigs import BENCH
 from scipy.io import wavfile
 
-from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros import Rig
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.fit.measured_motion import (
     NO_OPTIONS,
@@ -14,19 +15,6 @@ from impact_damper_ros.fit.measured_motion import (
 )
 from impact_damper_ros.measured.impacts import read_impacts, spike_times
 from impact_damper_ros.measured.table import TableError
-
-RIG = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    friction=0.02,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    gap=0.024,
-    force_amplitudes=1.2,
-    force_frequencies=31.4,
-)
 
 
 @pytest.fixture
@@ -216,7 +204,7 @@ def test_spikes_of_an_accelerometer_are_impacts(rate):
     """Each impact shakes the mounted sensor at 900 Hz, which dies out in some milliseconds."""
     rng = np.random.default_rng(7)
     times = np.arange(int(8.0 * rate)) / rate
-    run = Rig(RIG).run(8.0, times)
+    run = Rig(BENCH).run(8.0, times)
     hits = run.events[run.events['kind'] == 1]
     hits = hits[hits['time'] > 0.0]
     acceleration = np.gradient(run.samples['primary_velocity'], times)

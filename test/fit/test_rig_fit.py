@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from rigs import TWIN
 
-from impact_damper_ros import Rig, RigParameters
+from impact_damper_ros import Rig
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import FitOptionError, fit_rig
 
@@ -58,20 +59,8 @@ def test_a_flight_that_begins_at_an_impact_nobody_measured_does_not_count():
 
     With that flight K was five standard deviations off, and the gap 4.9.
     """
-    rig = RigParameters(
-        primary_mass=2.0,
-        stiffness=2031.0,
-        damping=1.45,
-        damper_mass=0.12,
-        gap=0.0187,
-        restitution_1=0.62,
-        restitution_2=0.62,
-        friction=0.015,
-        force_amplitudes=(1.5,),
-        force_frequencies=(31.8,),
-    )
     time = np.arange(2400) / 200.0
-    run = Rig(rig).run(12.0, time)
+    run = Rig(TWIN).run(12.0, time)
     hits, off = run.impacts()['time'], []
     for seed in range(3):
         rng = np.random.default_rng(seed)
@@ -83,14 +72,14 @@ def test_a_flight_that_begins_at_an_impact_nobody_measured_does_not_count():
             impact_times=hits + rng.normal(0.0, 5e-4, len(hits)),
             impact_deviation=5e-4,
         )
-        fit = fit_rig(record, rig.replace(stiffness=2135.0, damping=1.3))
+        fit = fit_rig(record, TWIN.replace(stiffness=2135.0, damping=1.3))
         assert fit.accepted, fit.reasons
         assert not any(
             flight.used and np.isnan(fit.impacts['measured_time'][k])
             for k, flight in enumerate(fit.flights)
             if k == 0 or not fit.flights[k - 1].used
         )
-        off.append(list(errors(fit, rig).values()))
+        off.append(list(errors(fit, TWIN).values()))
     assert np.abs(off).max() < 3.5, off
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import scipy
+from rigs import UNFORCED
 
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.measured.random_motion import Density, random_lines
@@ -49,12 +50,8 @@ def test_a_base_has_the_density(tmp_path):
     path = tmp_path / 'psd.csv'
     path.write_text(TABLE)
     found = random_lines(path, 400, seed=3)
-    rig = RigParameters(
-        stiffness=1974.0,
-        primary_mass=2.0,
-        damping=1.26,
+    rig = UNFORCED.replace(
         gap=10.0,
-        force_amplitudes=0.0,
         base_amplitudes=found.amplitudes,
         base_frequencies=found.frequencies,
         base_phases=found.phases,

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from rigs import HORIZONTAL
+from rigs import BENCH, HORIZONTAL
 
 from impact_damper_ros import GapControlParameters, InitialConditions, Mode, Rig, RigParameters
 
@@ -48,15 +48,7 @@ def test_samples_closer_than_the_spacing_of_floats():
     assert rig.time == 1e13 - 0.99
 
 
-SOFT = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=100.0,
-    damper_mass=0.1,
-    gap=0.024,
-    force_amplitudes=[0.0],
-    gravity=0.0,
-)
+SOFT = BENCH.replace(damping=100.0, friction=0.0, gravity=0.0, force_amplitudes=0.0)
 
 
 def test_a_vibration_that_dies_away_has_no_passages_for_ever():

@@ -4,26 +4,17 @@ import math
 import re
 
 import pytest
+from rigs import BENCH
 from running import until
 
-from impact_damper_ros import RigParameters
 from impact_damper_ros.cli.set_rig import main as set_rig
 from node.bench import Bench, done
 from node.rig_client import stamp_ns
 from node.test_absurd_rigs import HAMMERING
 
 #: b = -B sin(W t + 0.4) of an acceleration: it first rises through zero at 0.873 s.
-SHAKEN = RigParameters(
-    primary_mass=2.0,
-    stiffness=1974.0,
-    damping=1.26,
-    damper_mass=0.1,
-    gap=0.024,
-    friction=0.02,
-    force_amplitudes=0.0,
-    base_amplitudes=0.6,
-    base_frequencies=3.14,
-    base_phases=0.4,
+SHAKEN = BENCH.replace(
+    force_amplitudes=0.0, base_amplitudes=0.6, base_frequencies=3.14, base_phases=0.4
 )
 ZERO_NS = math.ceil((math.pi - 0.4) / 3.14 * 1e9)
 

@@ -118,11 +118,26 @@ def in_namespace(name, namespace, directory):
     return subprocess.run(words, capture_output=True, text=True, check=True).stdout
 
 
+def panels_of(part):
+    """Return the panels of a mosaic, from the left and from above."""
+    return (
+        [part]
+        if isinstance(part, str)
+        else [*panels_of(part['first']), *panels_of(part['second'])]
+    )
+
+
 def test_all_that_the_layouts_show_is_there(heard, tmp_path):
     rig, topics = heard
     node = rig.name[1:]
     layout = json.loads(in_namespace('lichtblick.json', rig.space, tmp_path))
     panels = layout['configById']
+    assert sorted(panels_of(layout['layout'])) == sorted(panels)
+    # Without these an import is refused; each program reads the title by its own key.
+    assert layout['playbackConfig'] == {'speed': 1}
+    assert layout['globalVariables'] == layout['userNodes'] == {}
+    for panel in panels.values():
+        assert panel.get('lichtblickPanelTitle') == panel.get('foxglovePanelTitle')
     paths = [path for panel in panels.values() for path in panel.get('paths', [])]
     assert len(paths) > 10
     for path in paths:

@@ -1,24 +1,11 @@
 """Periodic motions of rigs on a moving base: those of the same rig under the equivalent force."""
 
-import math
-
 import pytest
+from rigs import TABLE
 
-from impact_damper_ros import OrbitError, Rig, RigParameters, find_orbits, follow, settle
+from impact_damper_ros import OrbitError, Rig, find_orbits, follow, settle
 
-W = 20.0 * math.pi
-ON_TABLE = RigParameters(
-    primary_mass=5.0,
-    stiffness=5.0 * W**2,
-    damping=2.0 * 0.02 * 5.0 * W,
-    damper_mass=0.25,
-    gap=0.016,
-    restitution_1=0.6,
-    restitution_2=0.6,
-    force_amplitudes=0.0,
-    base_amplitudes=2.0,
-    base_frequencies=W,
-)
+ON_TABLE = TABLE.replace(gap=0.016, base_amplitudes=2.0)
 
 
 def forced(rig):
