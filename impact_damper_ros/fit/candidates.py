@@ -10,7 +10,8 @@ well the motion of M is made of free vibrations if its sensor or the force is in
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,10 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .first_course import COARSE, scanned
 from .gauss_newton import Solution, System
-from .partition import Record
+from .partition import Record, fit_vibration, free_vibrations
 from .shooting import Shooting
 from .unknowns import CONSTANTS, later, scaled_constant
-from .vibration import Array
+from .vibration import Array, Vibration
 
 _STEP = 1e-6
 #: What the motion may be too small or too large by, and the sentence that says so.
@@ -42,8 +43,23 @@ _MISREADINGS = {
     2.0**0.5: 'the force is 0.707 times as large as the file says, as if its amplitude were given '
     'for the rms',
 }
-#: Part of the cost that another unit must save.
-_SAVED = 0.15
+#: Phases of the force that are tried, and the sentence that says so.
+_PHASES = 16
+OTHER_PHASE = 'the force comes at another time than described, which --also force_delay fits'
+#: Residuals, in those of the noise, of a record that is one vibration, and how near to the
+#: frequency of M + m one must be, relative, so that m moves with M.
+_ONE_VIBRATION, _STUCK = 1.5, 0.2
+
+
+#: Part of the cost that another reading must save where a fit has failed, the part that another
+#: unit may leave where none was tried, the factor from which on a unit is another one, and the
+#: part of the cost of another sign that another phase must be below.
+_SAVED, _CLEARLY, _LARGE, _AS_GOOD = 0.15, 0.5, 3.0, 0.95
+
+
+#: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
+_SECOND_MODE = 'second mode'
+_MODE_RATIOS, _MODE_DAMPING = np.geomspace(1.15, 6.0, 42), 0.02
 
 
 class Candidate(NamedTuple):
@@ -60,8 +76,6 @@ class Candidate(NamedTuple):
         Of both.
     meaning : str
         What it says if it is not zero.
-    explained : float
-        By how much chi squared falls with it.
     """
 
     name: str
@@ -69,7 +83,6 @@ class Candidate(NamedTuple):
     standard_deviation: float
     unit: str
     meaning: str
-    explained: float = 0.0
 
     @property
     def z(self) -> float:
@@ -88,29 +101,104 @@ class Column(NamedTuple):
     uncertainty: float = 0.0
 
 
-def candidates(shooting: Shooting, solution: Solution, chi: float) -> list[Candidate]:
-    """Return what one step gives for each further parameter, that which explains most first."""
-    equations = solution.equations
-    system = System(equations, 1e-11)
-    _, multipliers = system.step(equations)
-    found = []
-    for column in (*constants_of(shooting, solution), *_of_laws(shooting, solution)):
-        (information,), _ = system.profile(column.residual[:, None], column.condition[:, None])
-        if not information > 0.0:
-            continue
-        score = column.residual @ equations.residual + multipliers @ column.condition
-        own, value = chi / float(np.sqrt(information[0])), float(-score / information[0])
-        found.append(
-            Candidate(
-                column.name,
-                value,
-                float(np.hypot(own, column.uncertainty)),
-                column.unit,
-                column.meaning,
-                (value / own) ** 2,
-            )
+class Evidence(NamedTuple):
+    """
+    What a record says of parameters beside the unknowns, all of these being fitted again.
+
+    Attributes
+    ----------
+    columns : list of Column
+        The constants of the file, then what the model does not have.
+    information, gradient : ndarray
+        Of minus the logarithm of the likelihood by all of them.
+    changes : ndarray
+        Of the unknowns with each.
+    """
+
+    columns: list[Column]
+    information: Array
+    gradient: Array
+    changes: Array
+
+    @classmethod
+    def of(
+        cls, shooting: Shooting, solution: Solution, scale: float, *, laws: bool = True
+    ) -> Evidence:
+        """Return it near a solution whose residuals have a deviation of scale."""
+        equations = solution.equations
+        system = System(equations, 1e-11)
+        columns = constants_of(shooting, solution)
+        if laws:
+            columns += [*_of_laws(shooting, solution), *_second_modes(shooting, solution)]
+        residual = np.stack([one.residual for one in columns], axis=1)
+        condition = np.stack([one.condition for one in columns], axis=1)
+        information, changes = system.profile(residual, condition)
+        # At the end of the step that is left: a solution is not that exact where two parameters
+        # can hardly be distinguished
+        step, multipliers = system.step(equations)
+        left = equations.residual + equations.residual_rates @ step
+        gradient = residual.T @ left + condition.T @ multipliers
+        return cls(columns, information / scale**2, gradient / scale**2, changes)
+
+    def uncertain(self) -> list[int]:
+        """Return which constants are known with an uncertainty only."""
+        return [k for k, one in enumerate(self.columns) if one.uncertainty > 0.0]
+
+    def step(self, free: list[int], since: Array, but: int = -1) -> tuple[Array, Array]:
+        """
+        Return the step and covariance of some parameters, given what is known of them before.
+
+        `since` is by how much each was changed before; nothing is known of one of them.
+        """
+        known = np.array([self.columns[k].uncertainty if k != but else 0.0 for k in free])
+        before = np.where(known > 0.0, 1.0 / np.where(known > 0.0, known, 1.0) ** 2, 0.0)
+        information = self.information[np.ix_(free, free)] + np.diag(before)
+        covariance = np.linalg.pinv(information, hermitian=True)
+        step = -covariance @ (self.gradient[free] + before * since[free])
+        return step, covariance
+
+    def candidates(self, moved: Mapping[str, float]) -> list[Candidate]:
+        """Return what one step gives for each further parameter, the most significant first."""
+        since = np.array([moved.get(one.name, 0.0) for one in self.columns])
+        uncertain, found = self.uncertain(), []
+        for k, column in enumerate(self.columns):
+            if not self.information[k, k] > 0.0:
+                continue
+            free = [*(i for i in uncertain if i != k), k]
+            step, covariance = self.step(free, since, but=k)
+            value, own = float(since[k] + step[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
+            deviation = float(np.hypot(own, column.uncertainty))
+            found.append(Candidate(column.name, value, deviation, column.unit, column.meaning))
+        found.sort(key=lambda one: -abs(one.z))
+        modes = [one for one in found if one.name.startswith(_SECOND_MODE)]
+        return [one for one in found if one not in modes[1:]]
+
+
+def _second_modes(shooting: Shooting, solution: Solution) -> Iterator[Column]:
+    """Yield displacements by which modes of other frequencies answer the impacts."""
+    record, impacts = shooting.record, shooting.course.time
+    jumps, order = shooting.jumps(solution.unknowns), shooting.record.order
+    last = np.searchsorted(impacts, record.time, side='right') - 1
+    since = record.time - impacts[np.maximum(last, 0)]
+    weight = np.where(shooting.motion(solution.unknowns)[1] & (last >= 0), shooting.weight, 0.0)
+    nothing = np.zeros(len(solution.equations.condition))
+    for ratio in _MODE_RATIOS.tolist():
+        root = complex(-_MODE_DAMPING, 1.0) * ratio * shooting.rate
+        turned = np.exp(root * np.diff(impacts))
+        amplitude = np.zeros(len(impacts), complex)
+        for k, jump in enumerate(jumps.tolist()):
+            amplitude[k] = (amplitude[k - 1] * turned[k - 1] if k else 0.0) + jump / root.imag
+        motion = (amplitude[last] * root**order * np.exp(root * since)).imag * weight
+        residual = np.zeros(len(solution.equations.residual))
+        residual[: len(motion)] = motion
+        frequency = ratio * shooting.rate / math.tau
+        yield Column(
+            f'{_SECOND_MODE} at {frequency:.3g} Hz',
+            '',
+            'M has a second mode: fix the sensor to M, or stiffen what swings on it',
+            residual,
+            nothing,
         )
-    return sorted(found, key=lambda one: -one.explained)
 
 
 def _of_laws(shooting: Shooting, solution: Solution) -> Iterator[Column]:
@@ -183,7 +271,7 @@ def _of_laws(shooting: Shooting, solution: Solution) -> Iterator[Column]:
         yield Column(
             'force delay',
             's',
-            'the force comes at another time than described, which --also force_delay fits',
+            OTHER_PHASE,
             *_varied(shooting, solution, later(unknowns.rig, delay), delay),
         )
 
@@ -212,14 +300,61 @@ def _varied(
 
 
 def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
-    """Return the unit or sign with which the motion is made of far fewer vibrations, or ''."""
-    damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-
-    def cost(factor: float) -> float:
-        driven = scaled_constant(rig, 'force_amplitudes', 1.0 / factor - 1.0) or rig
-        driven = scaled_constant(driven, 'base_amplitudes', 1.0 / factor - 1.0) or driven
-        return scanned(record, driven, (rig.stiffness, damping), deviation, COARSE)[0]
-
-    costs = {factor: cost(factor) for factor in (1.0, *_MISREADINGS)}
+    """Return the unit with which the motion is made of far fewer vibrations, or ''."""
+    factors = {
+        sentence: factor
+        for factor, sentence in _MISREADINGS.items()
+        if abs(math.log(abs(factor))) > math.log(_LARGE)
+    }
+    costs = {sentence: _cost(record, rig, deviation, of) for sentence, of in factors.items()}
     best = min(costs, key=costs.__getitem__)
-    return _MISREADINGS[best] if costs[best] < (1.0 - _SAVED) * costs[1.0] else ''
+    return best if costs[best] < _CLEARLY * _cost(record, rig, deviation) else ''
+
+
+def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
+    """
+    Return what else may be wrong if a fit has failed: a held m, or sign or phase of the force.
+
+    With a unit that leaves hardly any force, vibrations are fewer than with a wrong phase.
+    """
+    if without_impacts := _one_vibration(record, rig, deviation):
+        return without_impacts
+    costs = {}
+    for factor, sentence in _MISREADINGS.items():
+        if abs(math.log(abs(factor))) < math.log(_LARGE):
+            costs[sentence] = _cost(record, rig, deviation, factor)
+    period = math.tau / max(rig.first_harmonic[1], 1e-3 * rig.omega)
+    delays = period * np.arange(1, _PHASES) / _PHASES
+    phase = min(_cost(record, later(rig, delay), deviation) for delay in delays.tolist())
+    # Half a period later it is the other way round
+    costs[OTHER_PHASE] = phase / _AS_GOOD
+    best = min(costs, key=costs.__getitem__)
+    return best if costs[best] < (1.0 - _SAVED) * _cost(record, rig, deviation) else ''
+
+
+def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
+    """Return what a record says that is one vibration of M, or ''."""
+    whole = np.array([0, len(record.time)])
+    damping = max(rig.damping, 1e-3 * rig.stiffness / rig.omega)
+    alone = fit_vibration(record, rig, whole, (rig.stiffness, damping), deviation)
+    left = free_vibrations(record, Vibration.of(rig, *alone), whole).residual
+    if np.std(left[record.weight > 0.0]) > _ONE_VIBRATION * deviation:
+        return ''
+    share = rig.damper_mass / (rig.primary_mass + rig.damper_mass)
+    slower = 1.0 - alone[0] / rig.stiffness
+    lower = f'{50.0 * abs(slower):.2g} % {"lower" if slower > 0.0 else "higher"}'
+    return (
+        f'the natural frequency is {lower} than that of the file, as that of M and m together '
+        'is: m moves with M; free it, or shake harder than friction holds'
+        if abs(slower / share - 1.0) < _STUCK
+        else 'the record is one vibration without impacts, with a natural frequency '
+        f'{lower} than that of the file: m moves with M, or the damper is not in the record'
+    )
+
+
+def _cost(record: Record, rig: RigParameters, deviation: float, factor: float = 1.0) -> float:
+    """Return the cost of a motion that is too small by a factor."""
+    driven = scaled_constant(rig, 'force_amplitudes', 1.0 / factor - 1.0) or rig
+    driven = scaled_constant(driven, 'base_amplitudes', 1.0 / factor - 1.0) or driven
+    damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+    return scanned(record, driven, (rig.stiffness, damping), deviation, COARSE)[0]

@@ -22,19 +22,19 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .acceptance import MOST_CHI, WRONG_RIG, judged
-from .candidates import Candidate, candidates, constants_of, misreading
+from .acceptance import LEAST_USED, MOST_CHI, MOST_Z, WRONG_RIG, judged
+from .candidates import Candidate, Evidence, misreading, wrong_file
 from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, excited
-from .first_course import UnfitRecordError, first_course
-from .gauss_newton import System, solve
+from .first_course import UnfitRecordError, first_course, offset_of
+from .gauss_newton import System
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
 from .partition import Record, noise_between, noise_of
 from .record_check import faults_of
 from .relaxation import relaxed
-from .revision import LEAST_USED, Revised, revised
+from .revision import Revised, revised
 from .shooting import Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
@@ -44,6 +44,10 @@ FURTHER = ('restitution_2', *EXTRAS, 'damper_mass', 'primary_mass')
 #: Most steps of the constants of a file; they end below this part of a standard deviation. After
 #: a change of one by this part the course is revised again.
 _MOST_CONSTANTS, _SMALL, _MOVED = 6, 0.05, 0.01
+#: ... unless nearly all flights count.
+_ENOUGH = 0.95
+#: A constant that the record contradicts by so many standard deviations is fitted.
+_DOUBT = 2.0
 #: Samples closer to an impact than this (s), or this many samples, are not used of a velocity or
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
@@ -281,10 +285,14 @@ def _fitted(
                 measured, [f'the equations of the fit have no unique solution ({error})']
             )
 
+    offset = offset_of(record, start) if 'bias' in extras else 0.0
+    level = record._replace(motion=record.motion - offset * record.weight)
+    if cause := misreading(level, start, noise):
+        return _refused(measured, [cause])
     found = attempt(scan=False)
     if found.accepted or _converged(found):
         return found
-    if cause := misreading(record, start, noise):
+    if 'force_delay' not in extras and (cause := wrong_file(level, start, noise)):
         return found._replace(reasons=[cause, *found.reasons])
     if 'force_delay' in extras:
         return found
@@ -316,45 +324,64 @@ def _fitted_record(
     def problem(course: Course) -> Shooting:
         return Shooting(record, noise, unknowns, course, times, measured.impact_deviation, masked)
 
-    def solved(found: Revised, course: Course | None = None) -> Revised:
-        shooting = problem(course or found.course)
-        solution = solve(shooting, shooting.start())
-        return found._replace(
-            course=shooting.course_of(solution.unknowns), shooting=shooting, solution=solution
-        )
-
     course = first_course(record, unknowns, noise, times, measured.impact_deviation, scan=scan)
     course = relaxed(course, problem, timed=len(times) > 0)
     noise = max(_noise(problem(course), rough), least)
-    found = revised(course, problem)
-    chi = found.chi
-    chi *= noise / max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
-    found = found.without_doubtful()
+    found = revised(course, problem).without_rejected(problem)
     if not found.course.flies.any():
         return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
     # Weights of data and of impact times by the noise that the residuals show
     noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
-    found = solved(found)
+    found = found.solved(problem)
     scale = _scale(measured, found)
-    checks = candidates(found.shooting, found.solution, scale)
     moved: dict[str, float] = {}
+    remarks: list[str] = []
+    known = Knowledge.of(found, scale, moved)
     for again in (False, True):
         if again:
-            if max(map(abs, moved.values()), default=0.0) < _MOVED:
+            few = found.course.flies.mean() < _ENOUGH
+            checks = Evidence.of(found.shooting, found.solution, scale).candidates(moved)
+            if doubt := _doubted(checks, unknowns):
+                # It is what the record says alone
+                uncertain = {**unknowns.uncertain, doubt.name: math.inf}
+                unknowns = unknowns._replace(uncertain=uncertain)
+                difference = f'{abs(doubt.z):.1f} standard deviations'
+                remarks = [
+                    f'{doubt.name} is fitted: the record and the file differ by {difference}'
+                ]
+            elif not few or max(map(abs, moved.values()), default=0.0) < _MOVED:
                 break
             # Flights were left out by constants that are others now
-            found = solved(revised(found.course, problem).without_doubtful())
-        known = Knowledge.of(found, scale, moved)
+            found = revised(found.course, problem) if few else found.solved(problem)
+            known = Knowledge.of(found, scale, moved)
         for _ in range(_MOST_CONSTANTS):
-            if not known.moves or 2 * int(found.course.flies.sum()) < len(found.course) - 1:
+            if not known.moves or found.course.flies.mean() < 0.5:
                 break
             moved = {name: moved.get(name, 0.0) + step for name, step in known.steps.items()}
             unknowns = unknowns._replace(rig=known.rig)
-            found = solved(found, found.shooting.course_of(known.unknowns))
+            found = found.solved(problem, found.shooting.course_of(known.unknowns))
+            known = Knowledge.of(found, scale, moved)
+        flights = int(found.course.flies.sum())
+        found = found.without_rejected(problem)
+        if not found.course.flies.any():
+            return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
+        if found.course.flies.sum() < flights:
             known = Knowledge.of(found, scale, moved)
     # What is fitted is no reason against the model
+    checks = Evidence.of(found.shooting, found.solution, scale).candidates(moved)
     checks = [check for check in checks if check.name not in unknowns.uncertain]
-    return _result(measured, found, chi, checks, known)
+    shown = max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
+    result = _result(measured, found, found.chi * noise / shown, checks, known)
+    return result._replace(remarks=[*remarks, *result.remarks])
+
+
+def _doubted(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
+    """Return the constant that explains the record better than anything else, within reason."""
+    open_checks = [check for check in checks if check.name not in unknowns.uncertain]
+    if not open_checks:
+        return None
+    first = open_checks[0]
+    return first if first.name in CONSTANTS and _DOUBT < abs(first.z) <= MOST_Z else None
 
 
 def _noise(shooting: Shooting, otherwise: float) -> float:
@@ -418,22 +445,14 @@ class Knowledge(NamedTuple):
     def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> Knowledge:
         """Return it for constants that were changed by parts since the file."""
         shooting, solution = found.shooting, found.solution
-        equations, count = solution.equations, shooting.count
-        system = System(equations, 1e-11)
-        own = system.covariance(np.arange(count)) * scale**2
-        columns = [one for one in constants_of(shooting, solution) if one.uncertainty > 0.0]
-        rig, names = shooting.unknowns.rig, [one.name for one in columns]
-        if not columns:
-            return cls(names, own, {}, False, rig, solution.unknowns)
-        residual = np.stack([one.residual for one in columns], axis=1)
-        condition = np.stack([one.condition for one in columns], axis=1)
-        information, changes = system.profile(residual, condition)
-        _, multipliers = system.step(equations)
-        before = np.array([1.0 / one.uncertainty**2 for one in columns])
-        since = np.array([moved.get(name, 0.0) for name in names])
-        gradient = -(residual.T @ equations.residual + condition.T @ multipliers) / scale**2
-        covariance = np.linalg.pinv(information / scale**2 + np.diag(before), hermitian=True)
-        step = covariance @ (gradient - before * since)
+        count = shooting.count
+        own = System(solution.equations, 1e-11).covariance(np.arange(count)) * scale**2
+        evidence = Evidence.of(shooting, solution, scale, laws=False)
+        free = evidence.uncertain()
+        rig, names = shooting.unknowns.rig, [evidence.columns[k].name for k in free]
+        since = np.array([moved.get(one.name, 0.0) for one in evidence.columns])
+        step, covariance = evidence.step(free, since)
+        changes = evidence.changes[:, free]
         shared = changes[:count]
         joint = np.block(
             [

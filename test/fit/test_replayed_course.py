@@ -98,25 +98,32 @@ def test_only_flights_that_the_engine_makes_are_confirmed():
     assert [k for k, sure in enumerate(confirmed) if not sure] == [12, 20]
 
 
-def test_reversals_that_are_held_and_impacts_that_may_be_none_are_left_out():
+def test_there_is_one_verdict_for_each_flight():
     _, course, problem = truth(108)
-    flies = course.flies.copy()
-    turning = next(k for k in range(25) if flies[k] and len(course.reversals[k]))
+    turning = next(k for k in range(25) if course.flies[k] and len(course.reversals[k]))
     course.held[turning] = np.ones(len(course.reversals[turning]), bool)
     shooting = problem(course)
     # M moves on behind the impact as before it
     course.velocity[30] = shooting.before_nodes(shooting.start())[1][shooting.impacts[30] - 1]
     shooting = problem(course)
     solution = solve(shooting, shooting.start(), most=0)
-    revised = Revised(course, shooting, solution, np.zeros(len(course) - 1), True, 1, {})
-    found = revised.without_doubtful()
-    assert np.flatnonzero(flies & ~found.course.flies).tolist() == [turning, 29, 30]
-    assert found.doubtful == 3
-    assert found.why_cut[turning + 1] == 'm hardly reverses in it'
-    assert found.why_cut[30] == found.why_cut[31] == 'm hardly touches a stop'
-    # A measured time shows that there was one
+    gains = np.zeros(len(course) - 1)
+    gains[5] = 25.0
+    revised = Revised(course, shooting, solution, gains, {})
+    wanted = {
+        turning: 'm hardly reverses in it',
+        29: 'm hardly touches a stop',
+        30: 'the engine does not arrive as measured',
+        5: 'its laws cost 25 in the sum of squares',
+    }
+    assert revised.verdicts() == wanted
+    assert revised.grazes.nonzero()[0].tolist() == [30]
+    left = revised.without_rejected(problem)
+    assert left.verdicts() == {}
+    assert left.why_cut.items() >= {k + 1: why for k, why in wanted.items()}.items()
+    # A measured time shows that there was an impact
     course.measured[30] = 0
-    assert revised.without_doubtful().doubtful == 1
+    assert not revised.grazes.any()
 
 
 def test_the_start_of_a_part_is_sought_with_the_engine():

@@ -102,7 +102,7 @@ def test_a_mass_that_is_not_that_of_the_file(also, uncertain):
     rig = random_rig(rng)
     record = measure(rig, rng, impacts=60).record
     (name,) = also or uncertain
-    wrong = guess_of(rig, rng).replace(**{name: 1.05 * getattr(rig, name)})
+    wrong = guess_of(rig, rng).replace(**{name: 1.1 * getattr(rig, name)})
     refused = fit_rig(record, wrong)
     assert not refused.accepted
     assert f'--also {name} fits' in refused.reasons[0]
