@@ -12,22 +12,33 @@ import json
 import posixpath
 import re
 import shutil
-import warnings
-from collections.abc import Collection
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from impact_damper_ros.control.record import Action
 from impact_damper_ros.measured.record import MeasuredRecord
-from impact_damper_ros.motion.event import IMPACT
+from impact_damper_ros.motion import flight as motion_flight, state as motion_state
+from impact_damper_ros.motion.event import IMPACT, EventKind
+from impact_damper_ros.motion.oscillator import Line, Oscillator
+from impact_damper_ros.orbits import (
+    arclength,
+    arguments,
+    closed_flights,
+    flights,
+    orbit as orbit_module,
+    periodic_problem,
+    search,
+    solved_orbits,
+    viability,
+)
 from impact_damper_ros.page import frames, knobs, motion, numbers, presets
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import specs_of
+from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import REMEDY, RunawayError
-from impact_damper_ros.theory.documents import theory
 
 from .translation import ALL, Translator
 
@@ -42,6 +53,7 @@ LEFT_OUT = {
     },
     'Control': {'as_dict', 'restored', 'unpacked'},
     'RunTables': {'room', 'wrote', 'events'},
+    'PeriodicOrbit': {'as_dict', 'mirrored', '__repr__'},
     'OwnLaw': ALL,
     'MeasuredRecord': ALL,
 }
@@ -49,7 +61,7 @@ LEFT_OUT = {
 REPLACED = {
     *('copied', 'specs_of', 'rows_of', 'own_law_acts', 'resolved', 'shown'),
     'similar_names',
-    *('table_of_events', 'events_of_table', 'load_presets'),
+    *('table_of_events', 'events_of_table', 'load_presets', 'rig_on'),
 }
 #: What the page uses by name.
 ROOTS: dict[str, Any] = {
@@ -66,38 +78,63 @@ ROOTS: dict[str, Any] = {
     'ALL_SPECS': ALL_SPECS,
     'REMEDY': REMEDY,
 }
+#: What theory in the page is put together from.
+THEORY = {
+    arclength: (
+        *('compute', 'FOLD', 'DOUBLING', 'TORUS', 'BRANCHING', 'VIABLE', 'X_MAX', 'MAP', 'SIZE'),
+        *('KIND', 'COORDINATES', 'SPARE', 'ENOUGH', 'LEAST_STEP', 'LOW_END', 'HIGH_END', 'LOST'),
+        *('NOT_VIABLE', 'SOLVE', 'CORRECT', 'GO_ON', 'LOCATE', 'FIND_STARTS', 'ORDINARY'),
+        *('BETWEEN', 'BEYOND', 'CONVERGED', 'RESIDUAL'),
+    ),
+    arguments: ('period_of_force',),
+    closed_flights: (
+        *('Problem', 'NodeRow', 'COLUMNS', 'CONTACTS', 'END', 'GUESS', 'HISTORY', 'INSTANT'),
+        *('MARKS', 'NEWTON_STEPS', 'NORMAL', 'PATH', 'PLACE', 'RIG', 'ROWS', 'SLOPE', 'SPAN'),
+        *('TANGENT', 'UNITS'),
+    ),
+    flights: ('flight_at_impact', 'machine_of'),
+    motion_flight: ('begin_flight',),
+    motion_state: (
+        *('Moving', 'RigConstants', 'Run', 'Wave', 'NUMBERS', 'FIRST_LINE', 'GAP', 'STICK'),
+        *('REST_1', 'REST_2', 'CHATTER_1', 'SLIDE_DOWN', 'SLIDE_UP'),
+    ),
+    orbit_module: ('PeriodicOrbit', 'Rhythm', 'NEUTRAL'),
+    periodic_problem: ('Node', 'impact_nodes', '_counting', '_upwards'),
+    search: ('counted_as', 'within_theory'),
+    solved_orbits: ('after_impact', 'counted_from_zero', 'orbit_of'),
+    viability: ('_fault_at', 'FAULT', 'RIGHT'),
+}
+ROOTS |= {name: getattr(module, name) for module, names in THEORY.items() for name in names}
+ROOTS |= {'EventKind': EventKind, 'Oscillator': Oscillator, 'Line': Line, 'counted': counted}
+#: What the page has on that.
+SOURCES = 'theory.js', 'source.js'
 TABLES = RigParameters, InitialConditions, GapControlParameters
 
 
 def translated() -> str:
     """Return the rig in JavaScript."""
     runtime = (HERE / 'runtime.js').read_text(encoding='utf-8')
-    source = (HERE / 'source.js').read_text(encoding='utf-8')
+    source = '\n'.join((HERE / name).read_text(encoding='utf-8') for name in SOURCES)
     # The motion that numbers are taken of is a plain object.
     given = ['samples', 'impacts', 'acts']
-    program = Translator(f'{runtime}const load_presets\n', REPLACED, LEFT_OUT, source, given)
+    own = ''.join(f'const {name}\n' for name in ('load_presets', 'rig_on'))
+    given += ['problem', 'cycle', 'states', 'instants', 'before', 'table', 'residual', 'history']
+    program = Translator(runtime + own, REPLACED, LEFT_OUT, source, given)
     constants: dict[str, Any] = {f'{one.__name__}.specs': specs_of(one) for one in TABLES}
     text = program.program(ROOTS, {**constants, 'PRESETS': presets.load_presets()})
     return f'{runtime}\n// Translated from Python\n\n{text}'
 
 
-def theory_of(preset: presets.Preset) -> dict[str, Any]:
-    """Return what theory says of a preset, as a live rig reports it, in six digits."""
-    rig, last = Rig(preset.rig, preset.initial, control=preset.control), {}
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')
-        for answer in theory(rig.snapshot()):
-            last = answer if isinstance(answer, dict) else last
-    return {name: _rounded(last[name]) for name in ('orbit', 'gap_curve', 'theory_failed')}
+def rig() -> str:
+    """
+    Return the script of the rig.
 
-
-def _rounded(value: Any) -> Any:
-    """Return a document with numbers of six digits."""
-    if isinstance(value, float):
-        return float(f'{value:.6g}')
-    if isinstance(value, dict):
-        return {name: _rounded(entry) for name, entry in value.items()}
-    return [_rounded(entry) for entry in value] if isinstance(value, list) else value
+    It is one function, so that its text is that of the worker which computes theory: pages from a
+    disk may not load one.
+    """
+    sources = [(HERE / name).read_text(encoding='utf-8') for name in SOURCES]
+    body = '\n'.join([translated(), *sources])
+    return f"'use strict';\n(function program() {{\n{body}\n}})();\n"
 
 
 def bundle(static: Path = STATIC) -> str:
@@ -164,7 +201,7 @@ def page(home: str, static: Path = STATIC) -> str:
     return text
 
 
-def build(place: Path, home: str = '../', with_theory: Collection[str] | None = None) -> None:
+def build(place: Path, home: str = '../') -> None:
     """
     Write the page into a folder.
 
@@ -174,18 +211,11 @@ def build(place: Path, home: str = '../', with_theory: Collection[str] | None = 
         The folder; what it has of an earlier build is replaced.
     home : str, optional
         Where the documentation is, from there.
-    with_theory : collection of str, optional
-        Presets whose theory is computed; all, if not given.
     """
     place.mkdir(parents=True, exist_ok=True)
     for name in ('icon.svg', 'style.css', 'vendor/uplot/uPlot.min.css'):
         shutil.copy(STATIC / name, place)
     shutil.copy(STATIC / 'vendor' / 'uplot' / 'uPlot.iife.min.js', place)
     shutil.copy(STATIC / 'vendor' / 'uplot' / 'LICENSE', place / 'uPlot.LICENSE')
-    known = presets.load_presets()
-    asked = known if with_theory is None else with_theory
-    table = json.dumps({name: theory_of(known[name]) for name in asked}, allow_nan=False)
-    source = (HERE / 'source.js').read_text(encoding='utf-8')
-    rig = f"'use strict';\n(() => {{\n{translated()}\nconst THEORY = {table};\n{source}\n}})();\n"
-    for name, text in (('rig.js', rig), ('page.js', bundle()), ('index.html', page(home))):
+    for name, text in (('rig.js', rig()), ('page.js', bundle()), ('index.html', page(home))):
         (place / name).write_text(text, encoding='utf-8')

@@ -204,6 +204,7 @@ const $bits = new DataView(new ArrayBuffer(8));
 const math = {
   copysign: (x, y) => (y < 0 || Object.is(y, -0) ? -Math.abs(x) : Math.abs(x)),
   fmod: (x, y) => x % y,
+  remainder: (x, y) => x - $even(x / y) * y,
   frexp: (x) => {
     if (x === 0 || !Number.isFinite(x)) return [x, 0];
     let power = Math.floor(Math.log2(Math.abs(x))) + 1;
@@ -328,6 +329,7 @@ function $items(rows, { start, stop, step }) {
 }
 function $item(rows, index) {
   if (rows instanceof Matrix) return rows.at(index);
+  if (Array.isArray(rows) && Array.isArray(index)) return rows[index[0]][index[1]];
   if (index instanceof slice) return typeof rows === 'string' ? $items([...rows], index).join('') : $items([...rows], index);
   if ($plain(rows)) {
     if (!Object.hasOwn(rows, index)) throw new KeyError(String(index));
@@ -459,7 +461,9 @@ const set = list;
 const dict = (rows = {}) => ($plain(rows) ? { ...rows } : Object.fromEntries([...rows]));
 dict.fromkeys = (names, value = null) => Object.fromEntries([...$iterable(names)].map((name) => [name, value]));
 const islice = (rows, count) => [...$iterable(rows)].slice(0, count);
-const sorted = (rows) => [...$iterable(rows)].sort((one, other) => ($less(one, other) ? -1 : $less(other, one) ? 1 : 0));
+const sorted = (rows, { key = (one) => one } = {}) => [...$iterable(rows)].sort((one, other) => ($less(key(one), key(other)) ? -1 : $less(key(other), key(one)) ? 1 : 0));
+const replace = (one, changes) => Object.assign(Object.create(Object.getPrototypeOf(one)), one, changes);
+const round = (value) => $even(value);
 const reversed = (rows) => [...$iterable(rows)].reverse();
 const sum = (rows, start = 0) => [...$iterable(rows)].reduce($add, start);
 const any = (rows) => [...$iterable(rows)].some($true);

@@ -287,4 +287,4 @@ class InPage {
 
 globalThis.rigInPage = () => new InPage();
 // For the console, and for the comparison with Python
-globalThis.impactDamperRig = { Rig, RigParameters, InitialConditions, GapControlParameters, presets: PRESETS, read_values, numbers_of, Matrix };
+globalThis.impactDamperRig = { Rig, RigParameters, InitialConditions, GapControlParameters, presets: PRESETS, read_values, numbers_of, Matrix, theoryOf, eigenvalues };

@@ -56,7 +56,7 @@ DIRECT = {
     *('exp', 'expm1', 'log', 'log1p', 'log2', 'log10', 'floor', 'ceil', 'hypot', 'trunc'),
 }
 #: Functions of the runtime that take arguments by name.
-NAMED = 'max', 'min', 'searchsorted'
+NAMED = 'max', 'min', 'searchsorted', 'replace', 'sorted'
 #: Words of JavaScript that are names in Python.
 RESERVED = {
     *(
@@ -173,6 +173,8 @@ class Translator:
         #: Functions that keep their results
         self.remembering: set[int] = set()
         self.constants: dict[str, str] = {}
+        #: Those that are checked as they are made, with functions that need the others
+        self.checked: list[str] = []
         self.taken: dict[str, Any] = {}
         #: Names of attributes, each with where it is used first
         self.attributes: dict[str, str] = {}
@@ -259,6 +261,8 @@ class Translator:
             # Behind what it needs itself
             del self.constants[key]
             self.constants[key] = written
+            if hasattr(type(value), '__post_init__'):
+                self.checked.append(key)
         return key
 
     def literal(self, value: Any, where: str) -> str:
@@ -333,11 +337,13 @@ class Translator:
         classes = [u for u in self.units.values() if isinstance(u.thing, type)]
         classes.sort(key=lambda unit: len(unit.thing.__mro__))
         parts = [self.class_text(unit) for unit in classes]
-        parts += [f'const {name} = {text};\n' for name, text in self.constants.items()]
+        made = {name: f'const {name} = {text};\n' for name, text in self.constants.items()}
+        late = [made.pop(name) for name in self.checked]
+        parts += made.values()
         parts += [self.class_attributes(unit) for unit in classes]
         functions = (u for u in self.units.values() if not isinstance(u.thing, type))
         parts += [self.written[id(unit.thing)] for unit in functions]
-        return ''.join([*parts, *last])
+        return ''.join([*parts, *last, *late])
 
     def class_parts(self, unit: Unit) -> None:
         """Translate the methods of a class that are named anywhere."""
@@ -502,6 +508,8 @@ class Writer:
         static = kinds & {'classmethod', 'staticmethod'}
         first = '' if 'staticmethod' in kinds else node.args.args[0].arg
         head = 'constructor' if node.name == '__init__' else node.name
+        if _yields(node):
+            head = f'*{head}'
         if static:
             head = f'static {head}'
         elif kinds & {'property', 'cached_property'}:
@@ -543,6 +551,7 @@ class Writer:
             text += f'  let {", ".join(map(local, sorted(own)))};\n'
         text += self.block(body, '  ')
         self.scopes.pop()
+        keyword = 'function* ' if keyword and _yields(node) else keyword
         return f'{keyword}{name}({", ".join(parameters)}) {{\n{text}}}\n'
 
     def super_call(self, node: Any) -> str:
@@ -920,6 +929,9 @@ class Writer:
             return f'$item({self.value(node.value)}, {self.index(node.slice)})'
         return self.target(node)
 
+    def value_Yield(self, node: ast.Yield) -> str:
+        return f'(yield {self.value(node.value)})' if node.value else '(yield)'
+
     def value_Lambda(self, node: ast.Lambda) -> str:
         names = {a.arg for a in node.args.args}
         self.scopes.append(names)
@@ -1105,6 +1117,11 @@ class Writer:
         if any(one.arg is None for one in node.keywords):
             return [*given, self.mapping(node)]
         return self.in_order(names, node, given)
+
+
+def _yields(node: ast.FunctionDef) -> bool:
+    """Return whether a function is a generator."""
+    return any(isinstance(one, ast.Yield) for one in ast.walk(node))
 
 
 def _takes_first(target: Any, value: Any) -> bool:
