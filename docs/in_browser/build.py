@@ -31,7 +31,8 @@ from impact_damper_ros.orbits import (
     solved_orbits,
     viability,
 )
-from impact_damper_ros.page import frames, knobs, motion, numbers, presets
+from impact_damper_ros.page import knobs, motion, numbers, presets
+from impact_damper_ros.page.source import Source
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import specs_of
@@ -54,6 +55,7 @@ LEFT_OUT = {
     'Control': {'as_dict', 'restored', 'unpacked'},
     'RunTables': {'room', 'wrote', 'events'},
     'PeriodicOrbit': {'as_dict', 'mirrored', '__repr__'},
+    'Source': {'news', 'tick', 'frame', 'handle', 'close'},
     'OwnLaw': ALL,
     'MeasuredRecord': ALL,
 }
@@ -71,7 +73,7 @@ ROOTS: dict[str, Any] = {
     **{one.__name__: one for one in (presets.change_between, presets.preset_with)},
     'Preset': presets.Preset,
     'MeasuredRecord': MeasuredRecord,
-    'LAYOUT': frames.LAYOUT,
+    'Source': Source,
     'numbers_of': numbers.numbers_of,
     'IMPACT_COLUMNS': motion.IMPACT_COLUMNS,
     'IMPACT': IMPACT,
@@ -118,7 +120,7 @@ def translated() -> str:
     # The motion that numbers are taken of is a plain object.
     given = ['samples', 'impacts', 'acts']
     own = ''.join(f'const {name}\n' for name in ('load_presets', 'rig_on'))
-    given += ['problem', 'cycle', 'states', 'instants', 'before', 'table', 'residual', 'history']
+    given += ['problem', 'cycle', 'states', 'instants', 'before', 'table', 'residual', 'history', 'put']
     program = Translator(runtime + own, REPLACED, LEFT_OUT, source, given)
     constants: dict[str, Any] = {f'{one.__name__}.specs': specs_of(one) for one in TABLES}
     text = program.program(ROOTS, {**constants, 'PRESETS': presets.load_presets()})
@@ -185,8 +187,8 @@ def page(home: str, static: Path = STATIC) -> str:
     scripts = '<script src="rig.js" defer></script>\n<script src="page.js" defer></script>'
     text = text.replace('<script src="app.js" type="module"></script>', scripts)
     note = (
-        '<p class="quiet">Computed in this browser, exactly, as the package does it. What theory '
-        'says of any rig, recordings and reports need the package: '
+        '<p class="quiet">Computed in this browser, exactly, as the package does it, and theory, too. '
+        'Recordings, reports and the comparison of both need the package: '
         f'<a href="{home}start/installation.html" target="_parent">install it</a>.</p>'
     )
     for old, new in (

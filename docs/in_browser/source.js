@@ -24,30 +24,38 @@ Rig.prototype._reason = function reason() {
 const tables = { rig: RigParameters, control: GapControlParameters, initial: InitialConditions };
 const finite = (value) => (Number.isFinite(value) ? value : null);
 
-class InPage {
+/** The place of the WebSocket to the page server: the page sends texts to it, and gets messages and frames. */
+class Socket {
   constructor() {
     this.readyState = 0;
-    this.timer = setInterval(() => this.tick(performance.now() / 1000), 1000 / 60);
+    const rig = new RigInPage((data) => this.onmessage?.({ data }));
+    this.send = (text) => queueMicrotask(() => rig.receive(JSON.parse(text)));
+    this.close = () => {
+      this.readyState = 3;
+      rig.end();
+    };
     queueMicrotask(() => {
       this.readyState = 1;
-      this.onopen?.();
-      this.begin();
+      rig.begin();
     });
   }
+}
 
-  // As a WebSocket
-
-  send(text) {
-    queueMicrotask(() => this.receive(JSON.parse(text)));
+/** What the page is shown, as `page/live.py` shows a rig of the network. */
+class RigInPage extends Source {
+  /** `out` takes messages as JSON, and frames as they are. */
+  constructor(out) {
+    super(() => ({ mode: 'in_page', rig: NAME, rigs: [NAME], recordings: [], steers: true }));
+    this.clients = [{ put: (message) => out(JSON.stringify(message)) }];
+    this.out = out;
+    this.course = 0;
+    this.theorist = new Worker(URL.createObjectURL(new Blob([`'use strict';(${program})()`])));
+    this.theorist.onmessage = ({ data }) => this.answer(data);
   }
 
-  close() {
-    this.readyState = 3;
+  end() {
     clearInterval(this.timer);
-  }
-
-  tell(message) {
-    this.onmessage?.({ data: message.type ? JSON.stringify(message) : message });
+    this.theorist.terminate();
   }
 
   // The rig
@@ -61,13 +69,13 @@ class InPage {
     this.rows = { samples: [], impacts: [], measured: [], acts: [], ghost_samples: [], ghost_impacts: [] };
     this.fresh = this.none();
     this.sample();
-    this.tell({
-      type: 'hello', version: '', mode: 'in_page', rig: NAME, bag: '', parameters: this.knobs(), rigs: [NAME], recordings: [],
+    this.timer = setInterval(() => this.tick(performance.now() / 1000), 1000 / 60);
+    this.send({
+      ...this.hello(), parameters: this.knobs(), preset: preset_with(this.values()),
       presets: Object.values(PRESETS).map(({ name, title, description, values }) => ({ name, title, description, values })),
-      preset: preset_with(this.values()), steers: true, frame: LAYOUT,
     });
     this.report();
-    this.theory();
+    this.ask();
   }
 
   none() {
@@ -123,7 +131,6 @@ class InPage {
   }
 
   tick(wall) {
-    if (this.readyState !== 1) return;
     const since = Math.min(LONGEST, wall - (this.wall ?? wall));
     this.wall = wall;
     if (!this.paused) this.go(since * this.settings.real_time_factor);
@@ -152,7 +159,7 @@ class InPage {
     } catch (error) {
       if (!(error instanceof RunawayError)) throw error;
       Object.assign(this, { paused: true, until: null, now: this.rig.time });
-      this.tell({ type: 'notice', text: error.message });
+      this.send({ type: 'notice', text: error.message });
       this.report();
     }
     if (this.paused) this.report();
@@ -166,33 +173,32 @@ class InPage {
     const parts = replace ? Object.fromEntries(Object.entries(this.rows).map(([name, rows]) => [name, rows.filter(([time]) => time > start)])) : this.fresh;
     [this.replace, this.fresh] = [false, this.none()];
     const tables = Object.entries(parts).map(([name, rows]) => [name, rows.flatMap(([time, ...rest]) => [time - this.now, ...rest])]);
-    this.tell({ paused: this.paused, replace, replace_ghost: replace, end: this.now, epoch: Date.now() / 1000, ...Object.fromEntries(tables) });
+    this.out({ paused: this.paused, replace, replace_ghost: replace, end: this.now, epoch: Date.now() / 1000, ...Object.fromEntries(tables) });
   }
 
   report() {
     const lags = !this.paused && this.late > 5;
     const state_ = this.paused ? 'paused' : lags ? 'lagging' : 'running';
-    this.tell({ type: 'status', state: state_, text: lags ? 'this device computes the rig more slowly than asked for' : '', time: this.now });
+    this.send({ type: 'status', state: state_, text: lags ? 'this device computes the rig more slowly than asked for' : '', time: this.now });
     const [samples, impacts, acts] = ['samples', 'impacts', 'acts'].map((name) => new Matrix([this.rows[name].length, LAYOUT.tables[name].length], this.rows[name].flat()));
-    this.tell(numbers_of(this.parts.rig, { samples, impacts, acts }, this.now));
+    this.send(numbers_of(this.parts.rig, { samples, impacts, acts }, this.now));
   }
 
-  /** What theory says, where it was computed when the page was made: of the presets at any gap. */
-  theory() {
-    const now = this.values();
-    const like = (values) => Object.keys(values).every((name) => name === 'gap' || name.startsWith('initial_') || $same(values[name], now[name]));
-    const preset = Object.values(PRESETS).find(({ values }) => like(values));
-    const { orbit, gap_curve: curve, theory_failed: failed } = THEORY[preset?.name] ?? {};
-    const own = preset?.values.gap === now.gap;
-    const { _run: run, _waves: [wave], _lines: [line] } = this.rig;
-    const zero = run.time + run.time_low - (wave?.angle ?? 0) / line.frequency;
-    const none_ = { found: false, text: '', kind: '' };
-    this.tell(own && orbit ? { ...orbit, t_zero: finite(zero) } : { type: 'orbit', ...none_ });
-    const empty = { type: 'gap_curve', branches: [], special: [], optimum: null, done: true, text: 'computed for the presets only' };
-    this.tell({ ...(curve ?? empty), gap: now.gap, x_max_ratio: own ? curve?.x_max_ratio ?? null : null });
-    this.tell({ type: 'theory_failed', text: failed?.text ?? '' });
-    const verdict = own && orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : 'for the presets only';
-    this.tell({ type: 'diagnostics', level: 'none', kind: '', message: '', verdict, agreement: '', controller: null });
+  // Theory
+
+  /** Ask for the theory of the rig as it is now; the answers replace what is known of the one before. */
+  ask() {
+    const { parts: { rig, control }, rig: { _run: run, _waves: waves } } = this;
+    this.course += 1;
+    this.theorist.postMessage({ course: this.course, rig: rig.as_dict(), control: control.gap_control, run: { ...run }, angles: waves.map(({ angle }) => angle) });
+  }
+
+  answer({ course, document }) {
+    if (course !== this.course) return;
+    this.send_theory(document);
+    const { orbit, theory_failed: failed } = document;
+    const verdict = orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : orbit?.text || failed?.text || '';
+    this.send({ type: 'diagnostics', level: 'none', kind: '', message: '', verdict, agreement: '', controller: null });
   }
 
   // From the page
@@ -205,7 +211,7 @@ class InPage {
       if (!(error instanceof Exception)) throw error;
       answer = { ok: false, reason: error.message };
     }
-    if ('id' in message) this.tell({ type: 'answer', id: message.id, ...answer });
+    if ('id' in message) this.send({ type: 'answer', id: message.id, ...answer });
   }
 
   handle({ type: kind, name, values, window: seconds }) {
@@ -279,12 +285,42 @@ class InPage {
       this.replace = true;
     }
     const change = change_between(before, this.values(), this.rig.time, kind);
-    if (change !== null) this.tell({ type: 'parameters', ...change });
+    if (change !== null) this.send({ type: 'parameters', ...change });
     this.report();
-    this.theory();
+    this.ask();
   }
 }
 
-globalThis.rigInPage = () => new InPage();
+/** In a worker: answer the newest request, in parts between which another one may come. */
+function theorist() {
+  const LONGEST_PART = 15;
+  let [asked, before, working] = [null, null, false];
+  const work = async () => {
+    working = true;
+    for (let request = asked; request; request = asked === request ? null : asked) {
+      let begun = performance.now();
+      for (const answer of theoryOf({ ...request, parameters: RigParameters.$of(request.rig), before })) {
+        if (answer) {
+          const { expected, ...document } = answer;
+          before = expected ?? before;
+          postMessage({ course: request.course, document });
+        }
+        if (answer || performance.now() > begun + LONGEST_PART) {
+          await new Promise((resolve) => { setTimeout(resolve); });
+          begun = performance.now();
+        }
+        if (asked !== request) break;
+      }
+    }
+    working = false;
+  };
+  globalThis.onmessage = ({ data }) => {
+    asked = data;
+    if (!working) work();
+  };
+}
+
+if (globalThis.WorkerGlobalScope) theorist();
+else globalThis.rigInPage = () => new Socket();
 // For the console, and for the comparison with Python
 globalThis.impactDamperRig = { Rig, RigParameters, InitialConditions, GapControlParameters, presets: PRESETS, read_values, numbers_of, Matrix, theoryOf, eigenvalues };

@@ -44,76 +44,86 @@ const blank = (Kind, fields = {}) => Object.assign(Kind._make(Kind.fields.map(()
 const distanceOf = (one, other) => Math.hypot(...one.map((value, n) => value - other[n]));
 const last = (list) => list[list.length - 1];
 
-/** The eigenvalues of a small matrix, by QR steps with shifts on its Hessenberg form; each as [real, imaginary]. */
-function eigenvalues(rows) {
-  const h = rows.map((row) => [...row]);
-  const size = h.length;
-  // Balanced, so that the norms of rows and columns agree
+/** Reflect a square matrix on the left and right, so that of a vector from a row on only the first entry is left. */
+function reflect(h, v, count, from, firstColumn, endRow) {
+  let square = 0;
+  for (let n = 0; n < count; n += 1) square += v[n] * v[n];
+  if (square === 0) return;
+  const length = Math.sqrt(square);
+  square += Math.abs(v[0]) * length;
+  v[0] += v[0] >= 0 ? length : -length;
+  for (let k = firstColumn; k < h.length; k += 1) {
+    let dot = 0;
+    for (let n = 0; n < count; n += 1) dot += v[n] * h[from + n][k];
+    for (let n = 0; n < count; n += 1) h[from + n][k] -= (dot / square) * v[n];
+  }
+  for (let k = 0; k < endRow; k += 1) {
+    let dot = 0;
+    for (let n = 0; n < count; n += 1) dot += v[n] * h[k][from + n];
+    for (let n = 0; n < count; n += 1) h[k][from + n] -= (dot / square) * v[n];
+  }
+}
+
+/** Let rows and columns of a matrix have norms that agree. */
+function balance(h) {
   for (let again = true; again;) {
     again = false;
-    for (let i = 0; i < size; i += 1) {
+    for (let i = 0; i < h.length; i += 1) {
       let [row, column] = [0, 0];
-      for (let k = 0; k < size; k += 1) if (k !== i) { row += Math.abs(h[i][k]); column += Math.abs(h[k][i]); }
+      for (let k = 0; k < h.length; k += 1) if (k !== i) { row += Math.abs(h[i][k]); column += Math.abs(h[k][i]); }
       if (!row || !column) continue;
       const factor = 2 ** Math.round(0.5 * Math.log2(row / column));
       if (column * factor + row / factor >= 0.95 * (row + column)) continue;
       again = true;
-      for (let k = 0; k < size; k += 1) { h[i][k] /= factor; h[k][i] *= factor; }
+      for (let k = 0; k < h.length; k += 1) { h[i][k] /= factor; h[k][i] *= factor; }
     }
   }
-  const reflect = (vector, from, rowFrom, columnsTo) => {
-    const length = Math.hypot(...vector);
-    if (length === 0) return;
-    const v = [...vector];
-    v[0] += v[0] >= 0 ? length : -length;
-    const square = v.reduce((sum_, x) => sum_ + x * x, 0);
-    for (let k = rowFrom; k < size; k += 1) {
-      const dot = 2 * v.reduce((sum_, x, n) => sum_ + x * h[from + n][k], 0) / square;
-      v.forEach((x, n) => { h[from + n][k] -= dot * x; });
-    }
-    for (let k = 0; k < columnsTo; k += 1) {
-      const dot = 2 * v.reduce((sum_, x, n) => sum_ + x * h[k][from + n], 0) / square;
-      v.forEach((x, n) => { h[k][from + n] -= dot * x; });
-    }
-  };
-  for (let k = 0; k < size - 2; k += 1) reflect(h.slice(k + 1).map((row) => row[k]), k + 1, 0, size);
-  for (let i = 2; i < size; i += 1) for (let k = 0; k < i - 1; k += 1) h[i][k] = 0;
+}
+
+/** The eigenvalues of two rows and columns, as [real, imaginary]. */
+function eigenvaluesOfTwo(a, b, c, d) {
+  const half = 0.5 * (a - d);
+  const root = half * half + b * c;
+  if (root < 0) return [[0.5 * (a + d), Math.sqrt(-root)], [0.5 * (a + d), -Math.sqrt(-root)]];
+  const far = half + (half >= 0 ? Math.sqrt(root) : -Math.sqrt(root));
+  return [[d + far, 0], [far ? d - (b * c) / far : d, 0]];
+}
+
+/** The eigenvalues of a small matrix, which is overwritten, by double steps of Francis. */
+function eigenvalues(h) {
+  balance(h);
+  const v = new Float64Array(h.length);
+  for (let k = 0; k < h.length - 2; k += 1) {
+    const count = h.length - k - 1;
+    for (let n = 0; n < count; n += 1) v[n] = h[k + 1 + n][k];
+    reflect(h, v, count, k + 1, 0, h.length);
+    for (let n = 1; n < count; n += 1) h[k + 1 + n][k] = 0;
+  }
   const values = [];
-  let end = size - 1;
-  let steps = 0;
-  while (end >= 0) {
+  for (let [end, steps] = [h.length - 1, 0]; end >= 0; steps += 1) {
     let low = end;
     while (low > 0 && Math.abs(h[low][low - 1]) > 2.3e-16 * (Math.abs(h[low][low]) + Math.abs(h[low - 1][low - 1]))) low -= 1;
     if (low === end) {
       values.push([h[end][end], 0]);
-      end -= 1;
-      steps = 0;
-    } else if (low === end - 1 || steps > 200) {
-      const [[a, b], [c, d]] = [h[end - 1], h[end]].map((row) => row.slice(end - 1, end + 1));
-      const [half, product] = [0.5 * (a - d), b * c];
-      const root = half * half + product;
-      if (root >= 0) {
-        const far = half + (half >= 0 ? Math.sqrt(root) : -Math.sqrt(root));
-        values.push([d + far, 0], [far ? d - product / far : d, 0]);
-      } else values.push([0.5 * (a + d), Math.sqrt(-root)], [0.5 * (a + d), -Math.sqrt(-root)]);
-      end -= 2;
-      steps = 0;
-    } else {
-      // A double step of Francis
-      steps += 1;
-      const [[a, b], [c, d]] = [h[end - 1], h[end]].map((row) => row.slice(end - 1, end + 1));
-      let [trace, determinant_] = [a + d, a * d - b * c];
-      if (steps % 10 === 0) {
-        const shift = Math.abs(c) + Math.abs(h[end - 1][end - 2]);
-        [trace, determinant_] = [1.5 * shift, shift * shift];
-      }
-      const [p, q] = [h[low], h[low + 1]];
-      let bulge = [p[low] * p[low] + p[low + 1] * q[low] - trace * p[low] + determinant_, q[low] * (p[low] + q[low + 1] - trace), q[low] * h[low + 2][low + 1]];
-      for (let k = low; k < end; k += 1) {
-        reflect(bulge.slice(0, end - k + 1), k, Math.max(low, k - 1), Math.min(end, k + 3) + 1);
-        if (k > low) for (let n = 1; n < bulge.length && k + n <= end; n += 1) h[k + n][k - 1] = 0;
-        bulge = [1, 2, 3].filter((n) => k + n <= end).map((n) => h[k + n][k]);
-      }
+      [end, steps] = [end - 1, 0];
+      continue;
+    }
+    const [a, b, c, d] = [h[end - 1][end - 1], h[end - 1][end], h[end][end - 1], h[end][end]];
+    if (low === end - 1) {
+      values.push(...eigenvaluesOfTwo(a, b, c, d));
+      [end, steps] = [end - 2, 0];
+      continue;
+    }
+    // Now and then with another shift, where it does not converge
+    const shift = Math.abs(c) + Math.abs(h[end - 1][end - 2]);
+    const [trace, product] = steps % 10 === 9 ? [1.5 * shift, shift * shift] : [a + d, a * d - b * c];
+    const [p, q] = [h[low], h[low + 1]];
+    v.set([p[low] * p[low] + p[low + 1] * q[low] - trace * p[low] + product, q[low] * (p[low] + q[low + 1] - trace), q[low] * h[low + 2][low + 1]]);
+    for (let k = low; k < end; k += 1) {
+      const count = Math.min(3, end - k + 1);
+      if (k > low) for (let n = 0; n < count; n += 1) v[n] = h[k + n][k - 1];
+      reflect(h, v, count, k, Math.max(low, k - 1), Math.min(end, k + 3) + 1);
+      if (k > low) for (let n = 1; n < count; n += 1) h[k + n][k - 1] = 0;
     }
   }
   return values;
@@ -121,10 +131,13 @@ function eigenvalues(rows) {
 
 /** The four multipliers of a map, row by row, with some free coordinates; the largest first. */
 function multipliersOfMap(entries, size) {
-  const values = eigenvalues(Array.from({ length: size }, (_, n) => entries.slice(4 * n, 4 * n + size)));
-  const modulus = ([re, im]) => Number(Math.hypot(re, im).toFixed(12));
-  values.sort((one, other) => modulus(other) - modulus(one) || other[0] - one[0] || other[1] - one[1]);
-  return [...values, ...Array.from({ length: 4 - size }, () => [0, 0])];
+  const matrix = [];
+  for (let n = 0; n < size; n += 1) matrix.push(entries.slice(4 * n, 4 * n + size));
+  const ranked = eigenvalues(matrix).map((value) => [Math.hypot(value[0], value[1]), value]);
+  ranked.sort(([one, a], [other, b]) => (Math.abs(other - one) < 1e-12 ? b[0] - a[0] || b[1] - a[1] : other - one));
+  const values = ranked.map(([, value]) => value);
+  while (values.length < 4) values.push([0, 0]);
+  return values;
 }
 
 // Solutions
@@ -197,7 +210,7 @@ class PeriodicProblem {
     const faults = viable ? [] : table.flatMap((row, n) => (row[FAULT] === RIGHT ? [] : [_fault_at(this.arrays.nodes, n, table)]));
     return {
       problem: this, parameters, viable, cycle: this.cycle, table: table, residual: marks[RESIDUAL], history: history.slice(0, history.indexOf(-1)),
-      multipliers: multipliersOfMap([...marks.slice(MAP, MAP + 16)], marks[SIZE]), x_max: marks[X_MAX], reason: faults.join('; '),
+      multipliers: multipliersOfMap(marks.subarray(MAP), marks[SIZE]), x_max: marks[X_MAX], reason: faults.join('; '),
       states: Matrix.of(table.map((row) => row.slice(0, 4))), instants: Matrix.of(table.map((row) => row[INSTANT])), before: Matrix.of([last(ends), ...ends.slice(0, -1)]),
     };
   }
@@ -211,8 +224,9 @@ function orbitOf(solution) {
   return orbit;
 }
 
-const isStable = ({ multipliers: [[re, im]] }) => Math.hypot(re, im) < 1 - NEUTRAL;
-const isKept = ({ viable, multipliers: [[re, im]] }) => viable && Math.hypot(re, im) <= 1 + NEUTRAL;
+const modulusOf = ({ multipliers: [[re, im]] }) => Math.hypot(re, im);
+const isStable = (motion) => modulusOf(motion) < 1 - NEUTRAL;
+const isKept = (motion) => motion.viable && modulusOf(motion) <= 1 + NEUTRAL;
 
 /** The rig that goes on from the origin of a flight, at time 0. */
 function rig_on({ run, waves }, parameters) {
@@ -422,7 +436,7 @@ function* settle(rig, mostCycles) {
       const rhythm = Rhythm.of_impacts(period, hits.map(({ stop }) => stop), hits.map(({ time }) => phase(time)), hits.map(({ x: one }) => one), xMax);
       const impact = hits.reduce((one, other) => (Math.abs(other.impulse) > Math.abs(one.impulse) ? other : one));
       const orbit = reachedFrom(parameters, rhythm, impact, phase(impact.time));
-      if (orbit && Math.hypot(...orbit.multipliers[0]) > GROWS) break;
+      if (orbit && modulusOf(orbit) > GROWS) break;
       return { orbit, rhythm, reason: orbit ? '' : `run ahead, the rig reaches a motion with stops ${rhythm.stops} in ${counted(period, 'cycle')} of the force, for which the solvers find no motion` };
     }
   }
@@ -478,10 +492,10 @@ class SolutionCurve {
 
   point(row) {
     const { width } = this.problem;
-    const [place, tangent] = [row.slice(COORDINATES, COORDINATES + width), row.slice(COORDINATES + width, COORDINATES + 2 * width)];
+    const [place, tangent] = [0, width].map((from) => row.subarray(COORDINATES + from, COORDINATES + from + width));
     let gap = place[width - 1] * this.scale;
     for (const end of this.range) if (Math.abs(gap - end) <= 1e-12 * this.scale) gap = end;
-    return { curve: this, row, place, tangent, gap, viable: row[VIABLE] > 0, x_max: row[X_MAX], multipliers: multipliersOfMap([...row.slice(MAP, MAP + 16)], row[SIZE]) };
+    return { curve: this, row, place, tangent, gap, viable: row[VIABLE] > 0, x_max: row[X_MAX], multipliers: multipliersOfMap(row.subarray(MAP), row[SIZE]) };
   }
 
   /** The point of the curve in the plane through a guess, or null. */
@@ -627,11 +641,16 @@ function grow(curve, point, mostPoints) {
     step = FIRST_STEP;
     if (!(curve.range[0] < here.gap && here.gap < curve.range[1])) ended = 'end';
   }
-  return { stretches, special, ended: ended || 'points' };
+  return { stretches, points: stretches.flat(), special, began: '', ended: ended || 'points' };
 }
 
-const reversed_ = ({ stretches, special, ended, began }) => ({ stretches: stretches.map((one) => [...one].reverse()).reverse(), special: [...special].reverse(), ended: began, began: ended });
-const extended = (one, other) => ({ stretches: [...one.stretches, ...other.stretches], special: [...one.special, ...other.special], began: one.began, ended: other.ended });
+const reversed_ = ({ stretches, points, special, ended, began }) => ({
+  stretches: stretches.map((one) => [...one].reverse()).reverse(), points: [...points].reverse(), special: [...special].reverse(), ended: began, began: ended,
+});
+/** A branch and the one that goes on from its last point. */
+const extended = (one, other) => ({
+  stretches: [...one.stretches, ...other.stretches], points: [...one.points, ...other.points.slice(1)], special: [...one.special, ...other.special], began: one.began, ended: other.ended,
+});
 
 /** Follow a motion in both directions over a range of gaps. */
 function follow(orbit, low, high, mostPoints) {
@@ -639,15 +658,14 @@ function follow(orbit, low, high, mostPoints) {
   const curve = new SolutionCurve(orbit, [low, high], Math.max(Math.abs(gap), 0.2 * (high - low)));
   const [down, up] = [-1, 1].map((way) => curve.atGap(gap, way)).map((point) => (point ? grow(curve, point, mostPoints) : null));
   if (down && up) return extended(reversed_(down), up);
-  return down || up ? { began: '', ...(down ?? up) } : null;
+  return down ?? up;
 }
 
 /** The branch of a motion over the gap; further where M moves least at an end. */
 class GapBranch {
   constructor(start, branch, points) {
     Object.assign(this, { start, branch, mostPoints: points });
-    /** Where two stretches meet, both have the point; the message has it once. */
-    this.points = branch.stretches.flatMap((stretch, n) => (n && stretch[0] === last(branch.stretches[n - 1]) ? stretch.slice(1) : stretch));
+    this.points = branch.points;
     this.label = nameOf(start);
   }
 
@@ -694,7 +712,7 @@ class GapBranch {
     const [low, high] = this.bound === 'at least' ? [best.gap, 2 * best.gap] : [best.gap / 2, best.gap];
     const orbit = orbitOf(best.curve.solutionAt(best));
     let beyond = follow(orbit, low, high, MOST_POINTS);
-    if (!beyond) return Object.assign(new GapBranch(start, branch, MOST_POINTS - 1), {});
+    if (!beyond) return new GapBranch(start, { ...branch, began: '', ended: '' }, MOST_POINTS);
     if (high === best.gap) beyond = reversed_(beyond);
     const whole = best === points[0] ? reversed_(extended(reversed_(branch), beyond)) : extended(branch, beyond);
     return new GapBranch(start, whole, MOST_POINTS);
@@ -842,13 +860,8 @@ function* theoryOf({ parameters, control, run, angles, before = null }) {
   const zero = run.time + run.time_low - $modulo(angles[0], 2 * Math.PI) / frequency;
   const rig = counted_from_zero(parameters, angles);
   const curve = new GapCurve(rig);
-  const prediction = { expected: null, orbits: orbitsOfTheory(rig, cycles), zero, reason: '', kind: '' };
-  const { orbits } = prediction;
-  const [first = null] = orbits;
-  // A motion near the last one is the quickest answer.
-  const moved = before && before.parameters.one_sided === rig.one_sided ? solved(rig, before.guess, before.cycles) : null;
-  prediction.expected = moved ? addTo(orbits, moved) : first?.viable ? first : null;
-  prediction.basis = prediction.expected ? 'listed' : '';
+  const orbits = [];
+  const prediction = { expected: null, orbits, zero, basis: '', reason: '', kind: '' };
   const show = () => {
     curve.here = prediction.expected;
     document_.orbit = orbitDocument(prediction);
@@ -856,8 +869,15 @@ function* theoryOf({ parameters, control, run, angles, before = null }) {
     if (!rig.one_sided) document_.gap_curve = curve.message();
     return { ...document_, expected: prediction.expected };
   };
-  if (prediction.expected) yield show();
-  yield null;
+  // A motion near the last one is the quickest answer, then what the theory of impacts has.
+  const moved = before && before.parameters.one_sided === rig.one_sided ? solved(rig, before.guess, before.cycles) : null;
+  if (moved) addTo(orbits, moved);
+  else for (const orbit of orbitsOfTheory(rig, cycles)) addTo(orbits, orbit);
+  if (orbits[0]?.viable) {
+    Object.assign(prediction, { expected: orbits[0], basis: 'listed' });
+    yield show();
+  } else yield document_;
+  if (moved) for (const orbit of orbitsOfTheory(rig, cycles)) addTo(orbits, orbit);
   const ahead = yield* settle(continued(new Rig(rig), run, angles), MOST_CYCLES_AHEAD);
   const quick = prediction.expected;
   const reached = ahead.orbit && addTo(orbits, ahead.orbit);

@@ -609,12 +609,26 @@ class Writer:
             # JavaScript leaves out what is behind them.
             value = self.value(node.value.value)  # type: ignore[attr-defined]
             return f'{pad}{self.target(node.targets[0])} = {value};\n'
+        if self.fast and (fields_ := self.fields_taken(node)):
+            # Without an iterator
+            return f'{pad}({{ {fields_} }} = {self.value(node.value)});\n'
         if len(node.targets) == 1:
             return f'{pad}{self.assignment(node.targets[0], self.value(node.value))};\n'
         if any(not isinstance(one, ast.Name | ast.Attribute) for one in node.targets):
             raise self.unknown(node)
         chain = ' = '.join(self.target(one) for one in node.targets)
         return f'{pad}{chain} = {self.value(node.value)};\n'
+
+    def fields_taken(self, node: ast.Assign) -> str:
+        """Return which names are given which fields of an argument that is a named tuple."""
+        target, value = node.targets[0], node.value
+        arguments = {one.arg: one.annotation for one in self.unit.tree.args.args}
+        kind = self.unit.globals.get(ast.unparse(arguments.get(ast.unparse(value)) or value))
+        names = getattr(kind, '_fields', ())
+        if not isinstance(target, ast.Tuple) or len(names) != len(target.elts):
+            return ''
+        taken = zip(names, map(self.target, target.elts), strict=True)
+        return ', '.join(f'{name}: {one}' for name, one in taken if one != '_')
 
     def assignment(self, target: Any, value: str) -> str:
         """Return the assignment of a value."""
@@ -816,7 +830,7 @@ class Writer:
             return value
         if isinstance(owner, type) and callable(getattr(owner, node.attr, None)):
             return f'$bound({value}, {_quoted(node.attr)})'
-        if not called and self.program.is_method(node.attr):
+        if not called and not self.fast and self.program.is_method(node.attr):
             return f'$bound({value}, {_quoted(node.attr)})'
         return f'{value}.{node.attr}'
 

@@ -61,7 +61,7 @@ def test_the_page_without_installation(shown, tmp_path):
     sys.path.append(str(SOURCE / 'docs'))
     from in_browser.build import build
 
-    build(tmp_path / 'try', with_theory=[])
+    build(tmp_path / 'try')
     drawn, complaints = shown(f'file://{tmp_path}/try/index.html')
     assert complaints == []
     assert len(drawn) >= 4

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import math
 import sys
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -22,8 +23,12 @@ from impact_damper_ros.page.motion import Motion, Stretch
 from impact_damper_ros.page.numbers import numbers_of
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.theory.expected_motion import predictions, run_ahead
+from impact_damper_ros.theory.gap_curve import follow_gap
+from impact_damper_ros.theory.motion_curve import orbit_curve
 from page.browser import Browser
 from page.compared_rigs import COMPARE, disagreements, preset_cases, random_cases
+from page.javascript import JavaScript
 from page.translated_examples import EXAMPLES
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
@@ -35,14 +40,14 @@ from in_browser.translation import TranslationError, Translator  # noqa: E402
 
 DESK, PHONE = (1280, 800), (360, 740)
 MOVES = 'impactDamper.store.frames > 3 && impactDamper.history.impacts.length > 2'
-#: Largest size of what a browser loads, without the theory of the presets, bytes.
-LARGEST = 220_000
+#: Largest size of what a browser loads, bytes.
+LARGEST = 250_000
 
 
 @pytest.fixture(scope='module')
 def site(tmp_path_factory):
     place = tmp_path_factory.mktemp('site') / 'try'
-    build(place, with_theory=['bench'])
+    build(place)
     return place
 
 
@@ -77,24 +82,26 @@ def opened(tab, site):
     tab.tab.remove_listener('request', note)
     assert tab.console == []
     assert asked
-    assert [url for url in asked if not url.startswith(f'file://{site}/')] == []
+    # The worker is part of the page.
+    own = f'file://{site}/', 'blob:null/'
+    assert [url for url in asked if not url.startswith(own)] == []
 
 
 # The motion
 
 
 @pytest.fixture(scope='module')
-def bare(browser, site):
-    """Return a page with the rig, and without the pictures."""
-    page = browser.open()
-    page.tab.add_script_tag(path=site / 'rig.js')
-    return page
+def bare(site):
+    """Return a console with the rig."""
+    console = JavaScript(site / 'rig.js')
+    yield console
+    console.close()
 
 
-def compared(page, cases):
+def compared(console, cases):
     """Return how far the events of cases agree, by name."""
     names = list(cases)
-    results = page.tab.evaluate(COMPARE, [cases[name] for name in names])
+    results = console.evaluate(COMPARE, [cases[name] for name in names])
     return dict(zip(names, results, strict=True))
 
 
@@ -136,12 +143,14 @@ def test_presets_have_every_event(bare):
         ('(constants.slope - (direction', '(constants.slope + (direction'),
     ],
 )
-def test_a_wrong_sign_is_noticed(tab, site, random, right, wrong):
+def test_a_wrong_sign_is_noticed(site, random, tmp_path, right, wrong):
     text = (site / 'rig.js').read_text(encoding='utf-8')
     assert text.count(right) == 1
-    tab.leave()
-    tab.tab.add_script_tag(content=text.replace(right, wrong))
-    some = compared(tab, {name: random[name] for name in range(20)}).values()
+    place = tmp_path / 'wrong.js'
+    place.write_text(text.replace(right, wrong), encoding='utf-8')
+    console = JavaScript(place)
+    some = compared(console, {name: random[name] for name in range(20)}).values()
+    console.close()
     agree = [one for one in some if one['agree'] == one['events'] == one['expected']]
     assert len(some) - len(agree) > 3
 
@@ -165,7 +174,7 @@ TYPED = [
 
 def test_what_is_typed_is_read_and_refused_as_by_the_package(bare):
     requests = [{name: {'text': text, 'unit': unit}} for name, text, unit in TYPED]
-    found = bare.tab.evaluate(
+    found = bare.evaluate(
         """(requests) => requests.map((one) => {
           try { return impactDamperRig.read_values(one); } catch ({ message }) { return message; }
         })""",
@@ -192,7 +201,7 @@ def test_rigs_that_no_rig_can_be_are_refused_as_by_the_package(bare):
         {'one_sided': 'yes'},
         {'sweep_mode': 'sideways'},
     ]
-    found = bare.tab.evaluate(
+    found = bare.evaluate(
         """(changes) => changes.map((one) => {
           const rig = new impactDamperRig.RigParameters();
           try { return rig.replace(one); } catch ({ message }) { return message; }
@@ -215,7 +224,7 @@ def test_key_numbers_are_those_of_the_package(bare):
     motion = Motion(10_000, 10_000)
     motion.add_samples(stretch.sample_rows(run.samples))
     motion.add_impacts(stretch.impact_rows(run.events))
-    found = bare.tab.evaluate(
+    found = bare.evaluate(
         """([samples, impacts]) => {
           const { presets, numbers_of, Matrix } = impactDamperRig;
           const table = (rows) => new Matrix([rows.length, rows[0].length], rows.flat());
@@ -237,19 +246,112 @@ def test_key_numbers_are_those_of_the_package(bare):
 def test_translated_python_does_the_same(bare, name):
     runtime = (ROOT / 'docs' / 'in_browser' / 'runtime.js').read_text(encoding='utf-8')
     text = Translator(runtime).program({name: EXAMPLES[name]}, {})
-    found = bare.tab.evaluate(f'(() => {{\n{runtime}\n{text}\nreturn {name}();\n}})()')
+    found = bare.evaluate(f'(() => {{\n{runtime}\n{text}\nreturn {name}();\n}})()')
     # As JSON has it: no tuples
     assert found == json.loads(json.dumps(EXAMPLES[name]()))
 
 
 def test_what_has_no_translation_stops_the_build(tmp_path, monkeypatch):
     place = tmp_path / 'strange.py'
-    place.write_text('def f(x):\n    y = x\n    return [*y, (yield y)]\n', encoding='utf-8')
+    place.write_text('def f(x):\n    y = x\n    return [*y, b""]\n', encoding='utf-8')
     monkeypatch.syspath_prepend(tmp_path)
     import strange
 
     with pytest.raises(TranslationError, match=r'strange\.py:3: no translation'):
         Translator('').program({'f': strange.f}, {})
+
+
+# Theory
+
+#: The last answer on a rig, begun from rest.
+THEORY = """(values) => {
+  const { Rig, RigParameters, theoryOf } = impactDamperRig;
+  const parameters = RigParameters.$of(values);
+  const { _run: run, _waves: waves } = new Rig(parameters);
+  const asked = { parameters, control: 'off', run, angles: waves.map(({ angle }) => angle) };
+  return [...theoryOf(asked)].filter(Boolean).at(-1);
+}"""
+INCLINED = {'primary_mass': 1.0, 'angle': math.pi / 4, 'gravity': 1.0}
+RIGS = {
+    'horizontal': {'gravity': 0.0},
+    'frictionless, inclined': INCLINED | {'force_frequencies': (1.02,)},
+    'with friction': INCLINED | {'friction': 0.5, 'force_frequencies': (1.02,)},
+    'small gap': {'gravity': 0.0, 'gap': 8.0, 'force_frequencies': (1.02,)},
+    'unequal stops': {'gravity': 0.0, 'restitution_1': 0.7, 'force_frequencies': (1.02,)},
+    'two harmonics': {
+        **{'gravity': 0.0, 'force_amplitudes': (1.0, 0.1)},
+        **{'force_frequencies': (1.0, 3.0), 'force_phases': (0.0, 0.5)},
+    },
+    'base': {
+        **{'gravity': 0.0, 'force_amplitudes': (0.0,), 'base_amplitudes': (1.0,)},
+        'base_frequencies': (1.03,),
+    },
+}
+
+
+def alike(found, expected, error=1e-9):
+    return np.abs(np.subtract(found, expected)).max() <= error * np.abs(expected).max()
+
+
+@pytest.mark.parametrize('name', RIGS)
+def test_theory_of_any_rig_is_that_of_the_package(bare, name):
+    rig = RigParameters(**RIGS[name])
+    found = bare.evaluate(THEORY, knobs.as_json(rig.as_dict()))
+    motion = found['orbit']
+    ahead = run_ahead(Rig(rig))
+    assert motion['basis'] == 'run ahead'
+    expected = ahead.orbit
+    assert expected is not None
+    assert tuple(motion['stops']) == expected.stops
+    assert motion['cycles'] == expected.cycles
+    impacts = [list(one) for one in zip(*(i.values() for i in motion['impacts']), strict=True)]
+    assert alike(impacts[0], expected.phases)
+    assert alike(impacts[1], expected.x)
+    assert alike(impacts[3], expected.primary_velocity_after)
+    assert alike(impacts[4], expected.damper_velocity_after)
+    assert motion['x_max'] == pytest.approx(expected.x_max, rel=1e-9)
+    multipliers = [complex(*one) for one in motion['multipliers']]
+    assert multipliers == pytest.approx(expected.multipliers, abs=1e-9)
+    curve = orbit_curve(expected)
+    at = np.interp(expected.phases[0] + 0.1, curve[:, 0], curve[:, 1])
+    phase = (expected.phases[0] + 0.1) % expected.cycles
+    assert np.interp(phase, motion['phase'], motion['x']) == pytest.approx(at, rel=1e-9)
+    # The branch of that motion, point by point
+    branch = follow_gap(expected).branch
+    own = next(
+        one
+        for one in found['gap_curve']['branches']
+        if one['gap'] == pytest.approx(branch.values, rel=1e-9)
+    )
+    # At a fold last digits of the gap are more of the motion.
+    assert alike(own['x_max_ratio'], [orbit.x_max_ratio for orbit in branch.orbits], 1e-7)
+    assert own['stable'] == [orbit.stable for orbit in branch.orbits]
+    assert own['viable'] == [orbit.viable for orbit in branch.orbits]
+    special = {(one['kind'], round(one['gap'], 6)) for one in found['gap_curve']['special']}
+    viable = [one for one in branch.special if one.orbit.viable]
+    assert {(one.kind.value, round(one.value, 6)) for one in viable} <= special
+
+
+REFUSED = [
+    ({'force_amplitudes': [0.0]}, 'no force acts'),
+    ({'sweep_mode': 'up'}, 'sweep_mode'),
+    (
+        {
+            **{'force_amplitudes': [1, 1], 'force_frequencies': [1, math.sqrt(2)]},
+            'force_phases': [0, 0],
+        },
+        'a whole number',
+    ),
+]
+
+
+@pytest.mark.parametrize(('values', 'text'), REFUSED)
+def test_rigs_without_theory_have_the_reason_of_the_package(bare, values, text):
+    rig = RigParameters(**values)
+    found = bare.evaluate(THEORY, knobs.as_json(rig.as_dict()))
+    (expected,) = predictions(Rig(rig))
+    assert found['theory_failed'] == {'type': 'theory_failed', 'text': expected.reason}
+    assert text in expected.reason
 
 
 # The page
