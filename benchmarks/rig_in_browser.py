@@ -31,8 +31,8 @@ from in_browser.build import build  # noqa: E402
 from page.browser import Browser  # noqa: E402
 from page.compared_rigs import COMPARE, disagreements, preset_cases, random_cases  # noqa: E402
 
-#: Largest size of what a browser loads, B, longest time until the rig moves, s, and from a value to
-#: the curve over the gap, ms.
+#: Largest size of what a browser loads, B, longest time until the rig moves, s, and longest one
+#: from a value to the curve over the gap, ms.
 LARGEST, LONGEST, CURVE = 350_000, 1.0, 50.0
 MOVES = 'impactDamper.history.own.samples.length > 20'
 #: Rig seconds per second of each preset, for two seconds of the machine.

@@ -8,7 +8,6 @@ translated from the Python of the package; and what theory says of the presets.
 
 from __future__ import annotations
 
-import json
 import posixpath
 import re
 import shutil
@@ -120,7 +119,17 @@ def translated() -> str:
     # The motion that numbers are taken of is a plain object.
     given = ['samples', 'impacts', 'acts']
     own = ''.join(f'const {name}\n' for name in ('load_presets', 'rig_on'))
-    given += ['problem', 'cycle', 'states', 'instants', 'before', 'table', 'residual', 'history', 'put']
+    given += [
+        'problem',
+        'cycle',
+        'states',
+        'instants',
+        'before',
+        'table',
+        'residual',
+        'history',
+        'put',
+    ]
     program = Translator(runtime + own, REPLACED, LEFT_OUT, source, given)
     constants: dict[str, Any] = {f'{one.__name__}.specs': specs_of(one) for one in TABLES}
     text = program.program(ROOTS, {**constants, 'PRESETS': presets.load_presets()})
@@ -187,8 +196,8 @@ def page(home: str, static: Path = STATIC) -> str:
     scripts = '<script src="rig.js" defer></script>\n<script src="page.js" defer></script>'
     text = text.replace('<script src="app.js" type="module"></script>', scripts)
     note = (
-        '<p class="quiet">Computed in this browser, exactly, as the package does it, and theory, too. '
-        'Recordings, reports and the comparison of both need the package: '
+        '<p class="quiet">Rig and theory are computed in this browser, exactly, as the package '
+        'does it. Recordings, reports and the comparison of both need the package: '
         f'<a href="{home}start/installation.html" target="_parent">install it</a>.</p>'
     )
     for old, new in (

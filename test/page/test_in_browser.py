@@ -279,11 +279,15 @@ RIGS = {
     'small gap': {'gravity': 0.0, 'gap': 8.0, 'force_frequencies': (1.02,)},
     'unequal stops': {'gravity': 0.0, 'restitution_1': 0.7, 'force_frequencies': (1.02,)},
     'two harmonics': {
-        **{'gravity': 0.0, 'force_amplitudes': (1.0, 0.1)},
-        **{'force_frequencies': (1.0, 3.0), 'force_phases': (0.0, 0.5)},
+        'gravity': 0.0,
+        'force_amplitudes': (1.0, 0.1),
+        'force_frequencies': (1.0, 3.0),
+        'force_phases': (0.0, 0.5),
     },
     'base': {
-        **{'gravity': 0.0, 'force_amplitudes': (0.0,), 'base_amplitudes': (1.0,)},
+        'gravity': 0.0,
+        'force_amplitudes': (0.0,),
+        'base_amplitudes': (1.0,),
         'base_frequencies': (1.03,),
     },
 }
@@ -337,7 +341,8 @@ REFUSED = [
     ({'sweep_mode': 'up'}, 'sweep_mode'),
     (
         {
-            **{'force_amplitudes': [1, 1], 'force_frequencies': [1, math.sqrt(2)]},
+            'force_amplitudes': [1, 1],
+            'force_frequencies': [1, math.sqrt(2)],
             'force_phases': [0, 0],
         },
         'a whole number',
@@ -371,6 +376,8 @@ def test_a_stranger_turns_the_gap_and_chooses_a_preset(opened):
     page.type('#knob-gap', '12')
     page.wait("location.hash.includes('gap=0.012')")
     page.expect('#rig-line').to_contain_text('gap 12.0')
+    page.wait('impactDamper.theory.curve.gap === 0.012 && impactDamper.theory.curve.done')
+    page.expect('#theory-text').to_contain_text('2 impacts in 1 cycle, unstable; run ahead')
     page.type('#knob-gap', '-3')
     page.expect('[data-name=gap].big .error').to_contain_text('gap is -3.0 mm: give a number')
     page.wait('impactDamper.history.state.stop_1 - impactDamper.history.state.x < 0.0061')
