@@ -40,6 +40,8 @@ def written(tmp_path):
         't [ms];x [m];force [kN]\n0;0,0015;0,002\n100;-0,0025;0,003\n',
         '# made\n\n"Time (s)"\t"Position (mm)"\t"Force 1 (N)"\n0\t1.5\t2\n0.1\t-2.5\t3\n',
         'Kraft [N],zeit [s],Weg [cm],note\n2,0,0.15,a\n\n3,0.1,-0.25,b\n',
+        # Of two clocks the one before the motion
+        't [s],y [V],t [s],x [mm],force [N]\n9,0,0,1.5,2\n8,0,0.1,-2.5,3\n',
     ],
 )
 def test_the_same_numbers(written, text):
@@ -101,6 +103,8 @@ def test_refusals(written, text, problem):
         ('time[s]  x[mm]\n 0    1.5\n 0.1 -2.25\n', 'utf-8'),
         ('t [s],x [mm]\n"0","1,5"\n"0,1","-2,25"\n', 'utf-8'),
         (',t [s],x [mm]\n0,0,1.5\n1,0.1,-2.25\n', 'utf-8'),
+        ('t [s],x [mm]\nLaser 1,Laser 2\n0,1.5\n0.1,-2.25\n', 'utf-8'),
+        ('[s] t,[mm] x\n0,1.5\n0.1,-2.25\n', 'utf-8'),
         ('t [ms],x [in]\n0,0.0590551181\n100,-0.0885826772\n', 'utf-8'),
     ],
 )
@@ -201,8 +205,12 @@ def test_a_short_name_with_the_unit_of_something_else_is_another_column(written)
     text = 't [s],f [Hz],x [mm]\n0,5,1\n1,6,2\n'
     table = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
     assert sorted(table.columns) == ['time', 'x']
+    volts = read_sheet(written('t [s],force [V]\n0,1\n1,2\n'))
     with pytest.raises(TableError, match=r"column 'force \[V\]' has the unit 'V'"):
-        read_table(written('t [s],force [V]\n0,1\n1,2\n'), {'time': TIME}, {'force': FORCE})
+        choose(volts, 'force', FORCE, needed=False)
+    assert choose(volts, 'force', FORCE, needed=False, strict=False) is None
+    none = read_sheet(written('t [s],force\n0,1\n1,2\n'))
+    assert choose(none, 'force', FORCE, needed=False) is None
 
 
 def test_universal_files(tmp_path):
