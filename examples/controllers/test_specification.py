@@ -25,7 +25,7 @@ RIG = {
     'actuator_speed': 2.0,
     'actuator_mass': 0.01,
 }
-SECONDS = 10.0
+SECONDS = 6.0
 
 
 def test_the_gap_follows_the_amplitude(tmp_path):
