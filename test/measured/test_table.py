@@ -68,6 +68,7 @@ def test_other_encodings_and_units(written):
     [
         ('', 'empty; give a header'),
         ('0,1\n1,2\n', 'line 1: numbers where the header should be'),
+        ('0 1\n1 2\n', 'line 1: numbers where the header should be'),
         ('t [s],x\n0,1\n1,2\n', "column 'x' has no unit: write it behind the name"),
         ('t [s],x [V]\n0,1\n1,2\n', "column 'x [V]' has the unit 'V': .*known for x are m, cm"),
         (
@@ -105,6 +106,7 @@ def test_refusals(written, text, problem):
         (',t [s],x [mm]\n0,0,1.5\n1,0.1,-2.25\n', 'utf-8'),
         ('t [s],x [mm]\nLaser 1,Laser 2\n0,1.5\n0.1,-2.25\n', 'utf-8'),
         ('[s] t,[mm] x\n0,1.5\n0.1,-2.25\n', 'utf-8'),
+        ('t [s];x [mm];note\n0;1.5;"a"\n0.1;-2.250;"b"\n', 'utf-8'),
         ('t [ms],x [in]\n0,0.0590551181\n100,-0.0885826772\n', 'utf-8'),
     ],
 )
