@@ -43,6 +43,16 @@ def test_line_in_hertz_and_shares():
             },
             'base moved by 0.9807 m/s^2 = 0.1 g stepped down from 4.00 Hz to 6.00 Hz, 0.8 to',
         ),
+        *(
+            (
+                {
+                    f'base_{name}': (value,) * count
+                    for name, value in (('amplitudes', 1.0), ('frequencies', 9.0), ('phases', 0.0))
+                },
+                f'and {count - 1} {words} more of the base',
+            )
+            for count, words in ((2, 'line'), (3, 'lines'))
+        ),
         (
             {'multisine_level': 0.5, 'multisine_low': 18.85, 'multisine_high': 43.98},
             'multisine 0.5 N rms from 3.00 Hz to 7.00 Hz, 0.6 to 1.4 times the natural one',

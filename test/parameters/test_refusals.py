@@ -112,12 +112,15 @@ REFUSED = [
     rig(
         *('base_amplitudes[0] is 1000000.0', 'at 0.0001 rad/s', 'pulls M by 1e+14 N'),
         force_amplitudes=0.0,
-        base_amplitudes=1e6,
+        base_amplitudes=5e5,
         sweep_mode='up',
         sweep_low=1e-4,
+        sweep_notch_factors=[1.0, 2.0],
+        sweep_notch_frequencies=[1.0, 2.0],
     ),
     control('gap_min', 'gap_max', 'below', gap_min=0.5, gap_max=0.5),
     control('gap_min', '2.0', 'both at once', gap_min=2.0, gap_max=1.0),
+    control('gap_control_seed', 'from 0 to 2147483647', gap_control_seed=2**31),
     (('gapp is not a parameter of the rig',), lambda _: LEVEL.replace(gapp=1.0)),
     # Each value is in its range, but not beside the others.
     (('damping',), lambda _: RigParameters(damping=1.5).replace(stiffness=0.1)),
