@@ -52,7 +52,7 @@ def by_force(acceleration: float) -> Rig:
         initial_primary_position=-rig.response_amplitude * math.sin(lag),
         initial_primary_velocity=rig.response_amplitude * RATE * math.cos(lag),
     )
-    return Rig(rig, start)
+    return Rig(rig, start, compiled=None)
 
 
 def by_base(acceleration: float, ratio: float = 100.0) -> Rig:
@@ -65,7 +65,8 @@ def by_base(acceleration: float, ratio: float = 100.0) -> Rig:
             force_amplitudes=0.0,
             base_amplitudes=acceleration * FRICTION * GRAVITY,
             base_frequencies=RATE,
-        )
+        ),
+        compiled=None,
     )
 
 

@@ -75,11 +75,10 @@ def test_measured_and_predicted_motion_agree_before_and_after_a_change(start):
     orbit = find_orbits(FRICTION, (1, 2)).orbits[0]
     assert orbit.x_max_ratio == pytest.approx(0.2113439, abs=5e-8)
     check(motions(rig, agreeing(orbit, document)), orbit)
-    for gap in (33.0, 30):
-        assert rig.parameters.set(gap=gap) == ''
-        orbit = find_orbits(FRICTION.replace(gap=gap), (1, 2)).orbits[0]
-        check(motions(rig, agreeing(orbit, document)), orbit)
-        assert document() == pytest.approx(orbit.x_max_ratio, abs=1e-9)
+    assert rig.parameters.set(gap=30) == ''
+    orbit = find_orbits(FRICTION.replace(gap=30.0), (1, 2)).orbits[0]
+    check(motions(rig, agreeing(orbit, document)), orbit)
+    assert document() == pytest.approx(orbit.x_max_ratio, abs=1e-9)
     # A second harmonic repeats after three cycles of the first, and begins as it is added.
     both = {'force_amplitudes': [1.0, 0.1], 'force_phases': [0.0, 0.0]}
     rig.change(force_frequencies=[1.02, 1.7], **both)
