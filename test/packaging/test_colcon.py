@@ -16,7 +16,7 @@ from setup_file import COMMANDS
 ROOT = Path(__file__).parents[2]
 NAME = 'impact_damper_ros'
 NOT_SOURCES = ('.git', '.venv', '.*_cache', '__pycache__', 'build', 'dist', 'install', 'log')
-NOT_SOURCES += ('_build', 'made', 'demo_run')
+NOT_SOURCES += ('_build', 'made', 'demo_run', '.pythons', 'node_modules', '*.egg-info')
 
 COLCON = 'from colcon_core.command import main; raise SystemExit(main())'
 
