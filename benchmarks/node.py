@@ -232,7 +232,9 @@ def measure(arguments: argparse.Namespace, bags: Path) -> tuple[dict[str, Any], 
         results['start'] = measure_starts(listener, arguments.rates[0], starts, bags)
         texts.append(start_text(results['start']))
     if 'changes' in arguments.only:
-        results['changes'] = measure_changes(listener, arguments.rates[-1], seconds, rounds)
+        results['changes'] = measure_changes(
+            listener, arguments.rates[-1], seconds, rounds, arguments.beside
+        )
         texts.append(changes_text(results['changes']))
     if 'writing' in arguments.only:
         rate = arguments.rates[-1]
@@ -262,6 +264,9 @@ def main() -> int:
     parser.add_argument('--rates', type=int, nargs='+', default=[200, 1000], metavar='HZ')
     parser.add_argument(
         '--bags', type=Path, metavar='DIR', help='record there; a temporary directory if not given'
+    )
+    parser.add_argument(
+        '--beside', default='', metavar='PYTHON', help='changes: that of another checkout, too'
     )
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the results there too')
     arguments = parser.parse_args()

@@ -1,13 +1,15 @@
 """
 What a change of parameters, and the prediction that it sets off, do to the pace of the node.
 
-The gap is changed once a second, or ten times, while the node runs at 1 kHz; with the prediction
-in the background and without, in turns within one run, next to a node that nobody touches.
+The gap is changed once a second, or ten times, while the node runs at 1 kHz; with its theory
+asked for at each change and without, in turns within one run, next to a node that nobody touches;
+and the node of another checkout beside it, if there is one.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Iterator
 from statistics import median
@@ -24,6 +26,7 @@ from node_process import (
     quantile,
     running,
     say,
+    tree_kib,
 )
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -43,10 +46,11 @@ X_MAX = {
 
 
 class Variant(NamedTuple):
-    """How the node runs: with prediction or without, and changes per second."""
+    """How the node runs: with theory or without, changes per second, and of which checkout."""
 
     predicting: bool
     changes: int
+    beside: bool = False
 
 
 VARIANTS = {
@@ -55,6 +59,11 @@ VARIANTS = {
     '1 change/s, predicting': Variant(True, 1),
     '10 changes/s, no prediction': Variant(False, 10),
     '10 changes/s, predicting': Variant(True, 10),
+}
+BESIDE = {
+    f'{name}, other': variant._replace(beside=True)
+    for name, variant in VARIANTS.items()
+    if variant.predicting
 }
 
 
@@ -110,19 +119,21 @@ def _schedule(seconds: float, changes: int) -> Iterator[tuple[float, float | Non
 
 
 def measure_variant(
-    listener: Listener, variant: Variant, rate: int, seconds: float
+    listener: Listener, variant: Variant, rate: int, seconds: float, beside: str
 ) -> dict[str, Any]:
     """Return how the node ran for a while."""
     listener.until_alone()
     began_ns = time.time_ns()
-    with running(node_command(rate, predict_motion=variant.predicting)) as process:
+    python = beside if variant.beside else sys.executable
+    with running(node_command(rate, python, predict_motion=variant.predicting)) as process:
         operator = Operator(listener)
         listener.first(process, began_ns)
         listener.listen(2.0 * WARM_UP_S)
         overruns, cpu = operator.overruns, cpu_seconds(process.pid)
-        began, arrivals = time.monotonic(), []
+        began, arrivals, memory = time.monotonic(), [], [0]
         for stretch, gap in _schedule(seconds, variant.changes):
             arrivals += listener.listen(stretch)
+            memory.append(tree_kib(process.pid))
             if gap is not None:
                 operator.change(gap)
         cpu, spent = cpu_seconds(process.pid) - cpu, time.monotonic() - began
@@ -136,17 +147,22 @@ def measure_variant(
         'max_us': periods[-1],
         'overruns_per_s': (operator.overruns - overruns) / spent,
         'cpu_percent': 100.0 * cpu / spent,
+        'memory_mib': memory[-1] / 1024,
+        'most_mib': max(memory) / 1024,
         'latencies': operator.latencies if variant.changes == 1 else [],
     }
 
 
-def measure_changes(listener: Listener, rate: int, seconds: float, rounds: int) -> dict[str, Any]:
-    """Measure all variants in turns."""
-    runs: dict[str, list[dict[str, Any]]] = {name: [] for name in VARIANTS}
+def measure_changes(
+    listener: Listener, rate: int, seconds: float, rounds: int, beside: str = ''
+) -> dict[str, Any]:
+    """Measure all variants in turns; `beside` is the Python of another checkout, if any."""
+    variants = VARIANTS | (BESIDE if beside else {})
+    runs: dict[str, list[dict[str, Any]]] = {name: [] for name in variants}
     for turn in range(rounds):
-        for name, variant in VARIANTS.items():
+        for name, variant in variants.items():
             say(f'changes at {rate} Hz, round {turn + 1} of {rounds}: {name}')
-            runs[name].append(measure_variant(listener, variant, rate, seconds))
+            runs[name].append(measure_variant(listener, variant, rate, seconds, beside))
     return {'rate': rate, 'seconds': seconds, 'rounds': rounds, 'variants': runs}
 
 
@@ -164,23 +180,26 @@ def text_of(results: dict[str, Any]) -> str:
         f'changes while it runs, {results["rate"]} Hz, {results["seconds"]:g} s each, median of '
         f'{results["rounds"]} rounds in turns',
         f'  {"":30}{"p50":>7}{"p99":>8}{"p99.9":>8}{"max":>8}{"p99 ratio":>11}{"to without":>12}'
-        f'{"overruns/s":>12}{"CPU":>8}{"answer after":>14}',
+        f'{"overruns/s":>12}{"CPU":>8}{"memory":>8}{"most":>8}{"answer after":>20}',
     ]
-    for name, variant in VARIANTS.items():
-        rows = runs[name]
+    for name, rows in runs.items():
+        variant = (VARIANTS | BESIDE)[name]
         mid = {key: median(r[key] for r in rows) for key in rows[0] if key != 'latencies'}
-        without = next(n for n, v in VARIANTS.items() if v == variant._replace(predicting=False))
-        late = [latency for row in rows for latency in row['latencies']]
-        told = f'{median(late):.2f}, {max(late):.2f} s' if late else ''
+        plain = Variant(False, variant.changes)
+        without = next(n for n, v in VARIANTS.items() if v == plain)
+        late = sorted(1e3 * latency for row in rows for latency in row['latencies'])
+        told = f'{median(late):.0f}, {quantile(late, 0.95):.0f} ms' if late else ''
         lines.append(
             f'  {name:30}{mid["p50_us"]:>7.0f}{mid["p99_us"]:>8.0f}{mid["p999_us"]:>8.0f}'
             f'{mid["max_us"]:>8.0f}{_ratio(runs, name, "p99_us", base):>11.2f}'
             f'{_ratio(runs, name, "p99_us", without):>12.2f}{mid["overruns_per_s"]:>12.2f}'
-            f'{mid["cpu_percent"]:>6.1f} %{told:>14}'
+            f'{mid["cpu_percent"]:>6.1f} %{mid["memory_mib"]:>8.0f}{mid["most_mib"]:>8.0f}'
+            f'{told:>20}'
         )
     lines += [
         '|period - nominal| in us. p99 ratio: to the first row. to without: to the row with as '
         'many changes and no prediction.',
-        'answer after: from the change to the report of the new prediction, median and longest.',
+        'memory: MiB of the node and its processes, at the end and at most. answer after: from '
+        'the change to the first document with its motion, median and 95 %.',
     ]
     return '\n'.join(lines)

@@ -91,12 +91,12 @@ def bare_command(pace: str, rate: int) -> list[str]:
     return [sys.executable, str(HERE / 'bare_publisher.py'), pace, str(rate)]
 
 
-def node_command(rate: int, **parameters: object) -> list[str]:
+def node_command(rate: int, python: str = sys.executable, **parameters: object) -> list[str]:
     """Return what starts the node with the bench rig and some parameters otherwise."""
     given = {'state_rate': float(rate), **parameters}
     texts = {n: str(v).lower() if isinstance(v, bool) else str(v) for n, v in given.items()}
     return [
-        *(sys.executable, '-m', 'impact_damper_ros.node.sim_node'),
+        *(python, '-m', 'impact_damper_ros.node.sim_node'),
         *('--ros-args', '--params-file', str(RIG)),
         *(word for name, text in texts.items() for word in ('-p', f'{name}:={text}')),
     ]
@@ -143,6 +143,17 @@ def anonymous_kib(pid: int) -> int:
         if line.startswith('RssAnon:'):
             return int(line.split()[1])
     raise ValueError(f'process {pid} has no memory')
+
+
+def tree_kib(pid: int) -> int:
+    """Return the memory of a process and what it has started, KiB, shared pages in parts."""
+    total = 0
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        for line in Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines():
+            total += int(line.split()[1]) if line.startswith('Pss:') else 0
+        for task in Path(f'/proc/{pid}/task').iterdir():
+            total += sum(map(tree_kib, map(int, (task / 'children').read_text().split())))
+    return total
 
 
 def quantile(ordered: list[float], share: float) -> float:

@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from impact_damper_ros.motion.compiled import compile_elsewhere
 from impact_damper_ros.parameters.parameters_file import load_parameters, preset_file
 from impact_damper_ros.parameters.quoting import shown
 
@@ -40,6 +41,8 @@ COMMAND = 'rig_page'
 NODE_END_S = 60.0
 #: How often is looked whether the node lives, s.
 _LOOK_S = 0.2
+#: Time after which a thread hands over the interpreter, s.
+SWITCH_INTERVAL_S = 2e-4
 _PR_SET_PDEATHSIG = 1
 
 
@@ -260,6 +263,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.node = '/sim_node'
     for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
         os.environ.setdefault(name, '1')
+
+    # Frames wait neither for the threads of theory, designs and what-ifs nor for a compiler.
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    compile_elsewhere()
 
     def work() -> int:
         _check(arguments)

@@ -19,7 +19,9 @@ import gc
 import hashlib
 import logging
 import os
+import pickle
 import secrets
+import subprocess
 import sys
 import threading
 import types
@@ -405,15 +407,20 @@ def _dispatcher(name: str) -> Any:
     )
 
 
+def _report(log: logging.Logger, what: str) -> None:
+    """Report once that something is compiled."""
+    if what not in _REPORTED:
+        log.warning('compiling the %s, once for each version (about 7 s)', what)
+    _REPORTED.add(what)
+
+
 def _notice(log: logging.Logger, what: str) -> Any:
     """Report once that numba compiles something; it does not where it loads what is kept."""
     from numba.core.event import Listener, install_listener
 
     class Notice(Listener):  # type: ignore[misc]
         def on_start(self, _event: Any) -> None:
-            if what not in _REPORTED:
-                log.warning('compiling the %s, once for each version (about 7 s)', what)
-            _REPORTED.add(what)
+            _report(log, what)
 
         def on_end(self, _event: Any) -> None:
             pass
@@ -438,6 +445,44 @@ _ENTRIES: dict[tuple[str, str], Any] = {}
 _REPORTED: set[str] = set()
 
 
+#: Whether kernels are compiled by processes of their own; see `compile_elsewhere`.
+_ELSEWHERE = threading.Event()
+
+
+def compile_elsewhere() -> None:
+    """
+    Have kernels compiled by processes of low priority, which only keep them, from now on.
+
+    A compiler holds the lock of the interpreter for seconds, in which other threads wait.
+    """
+    _ELSEWHERE.set()
+
+
+def _kept(loop: Any, kinds: tuple[Any, ...]) -> bool:
+    """Return whether a kernel is kept for arguments of these types."""
+    index = loop._cache._cache_file._load_index()
+    return loop._cache._index_key(kinds, loop.targetctx.codegen()) in index
+
+
+def _keep(name: str, kinds: tuple[Any, ...]) -> None:
+    """Have a kernel compiled and kept by another process; if that fails, nothing is kept."""
+    modules = sorted({function.__module__ for function in _KERNELS.values()})
+    program = (
+        'import importlib, os, pickle, sys\n'
+        'os.nice(10)\n'
+        'modules, name, kinds = pickle.load(sys.stdin.buffer)\n'
+        'list(map(importlib.import_module, modules))\n'
+        f'from {__name__} import _dispatcher\n'
+        '_dispatcher(name).compile(kinds)\n'
+    )
+    subprocess.run(
+        [sys.executable, '-c', program],
+        input=pickle.dumps((modules, name, kinds)),
+        stderr=subprocess.DEVNULL,
+        check=False,
+    )
+
+
 def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form: str = '') -> Any:
     """
     Return a kernel compiled for arguments, which have the same types in all calls of one form.
@@ -454,6 +499,9 @@ def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form:
 
     log = logging.getLogger(__package__)
     loop, kinds = _dispatcher(name), tuple(map(numba.typeof, arguments))
+    if _ELSEWHERE.is_set() and stamp() is not None and not _kept(loop, kinds):
+        _report(log, what)
+        _keep(name, kinds)
     with _notice(log, what), _uncollected():
         try:
             loop.compile(kinds)

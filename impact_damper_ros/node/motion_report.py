@@ -20,7 +20,7 @@ from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.theory.prediction import ObservedMotion, Prediction
-from impact_damper_ros.theory.theory_process import TheoryProcess
+from impact_damper_ros.theory.theory_thread import TheoryThread
 
 from .motion_trace import KEPT, MotionTrace
 
@@ -199,7 +199,7 @@ class MotionMonitor:
     """Measures the motion of the rig at each report and compares it with the prediction."""
 
     def __init__(
-        self, trace: Callable[[], MotionTrace], theory: TheoryProcess, state_rate: float
+        self, trace: Callable[[], MotionTrace], theory: TheoryThread, state_rate: float
     ) -> None:
         self._trace = trace
         self._theory = theory
@@ -284,7 +284,7 @@ def _why_undecided(measured: RecentMotion) -> str:
     )
 
 
-def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionReport:
+def predicted_report(theory: TheoryThread, agreement: Agreement) -> MotionReport:
     """Report the predicted motion, and whether the measured one agrees."""
     known, motion = theory.prediction or Prediction(), agreement.motion
     state, warning, words = _state(theory, agreement)
@@ -307,7 +307,7 @@ def predicted_report(theory: TheoryProcess, agreement: Agreement) -> MotionRepor
     )
 
 
-def _state(theory: TheoryProcess, agreement: Agreement) -> tuple[str, bool, str]:
+def _state(theory: TheoryThread, agreement: Agreement) -> tuple[str, bool, str]:
     """Return the state, whether to warn, and the message."""
     known, motion = theory.prediction, agreement.motion
     if not theory.enabled:

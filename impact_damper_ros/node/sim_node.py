@@ -49,13 +49,14 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS, LIVE_TOPICS, RIG_TOPICS
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.bag.topics import QosProfile
+from impact_damper_ros.motion.compiled import compile_elsewhere
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.description import frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import values_given
 from impact_damper_ros.parameters.quoting import printable, shown
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
-from impact_damper_ros.theory.theory_process import TheoryProcess
+from impact_damper_ros.theory.theory_thread import TheoryThread
 
 from .commands import DEPTH, CommandInbox, CommandTopic, read_force_command, read_stop_command
 from .diagnostics import Diagnostics
@@ -105,8 +106,6 @@ SWITCH_INTERVAL_S = 2e-5
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: Time after which the executor looks for signals and for a failure of the engine.
 LOOK_PERIOD_S = 0.2
-#: Time after which the process of the theory is asked for more, while more is to come.
-THEORY_PERIOD_S = 0.1
 #: Least time between two warnings of a kind, such as those of a rig that falls behind, s.
 WARNING_PERIOD_S = 5.0
 
@@ -159,7 +158,9 @@ class SimNode(Node):
         # never keep it waiting, but those of other programs do not keep them from releasing the
         # interpreter.
         take_priority(max(1, priority - 1) if priority else 0)
-        self._theory = TheoryProcess()
+        # Compiled by itself, as the compiler would keep the rig waiting
+        compile_elsewhere()
+        self._theory = TheoryThread(partial(self._post, self._follow_theory))
         self._theory.enable(parameters.predict_motion)
         self.engine = Engine(
             parameters,
@@ -180,12 +181,8 @@ class SimNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         period_s = 1.0 / RIG_TOPICS['diagnostics'].rate_of(parameters)
         self.create_timer(period_s, self._report, clock=steady)
-        # Runs only while more is to come. Each time that the executor wakes up it takes the
-        # interpreter for half a millisecond, for which the rig may have to wait.
-        self._asking = self.create_timer(THEORY_PERIOD_S, self._follow_theory, clock=steady)
-        self._asking.cancel()
-        # What the topic `theory` said last
-        self._document = ''
+        # What the topic `theory` and the diagnostics said last
+        self._document, self._prediction = '', self._theory.prediction
         self._theory_publisher = self._publisher(
             StringMessage, 'theory', _qos(LIVE_TOPICS['theory'].qos), self._on_listener
         )
@@ -437,20 +434,15 @@ class SimNode(Node):
         self._follow_theory()
 
     def _follow_theory(self) -> None:
-        """Take what the process has computed so far; report and publish what is new."""
+        """Report and publish what is new of the theory."""
         theory = self._theory
-        before = theory.prediction
-        theory.poll()
         if theory.document != self._document:
             self._document = theory.document
             self._theory_publisher.publish(encode(String(self._document)))
-        if theory.prediction is not before:
+        if theory.prediction is not self._prediction:
+            self._prediction = theory.prediction
             report = self._diagnostics.motion_report(self.engine.stamp_ns(), self._monitor.look())
             self._publish('diagnostics', encode(report))
-        if theory.done:
-            self._asking.cancel()
-        elif self._asking.is_canceled():
-            self._asking.reset()
 
     # Recording
 

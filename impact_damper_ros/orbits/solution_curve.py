@@ -266,7 +266,7 @@ class BranchPoint:
     def __init__(self, curve: SolutionCurve, row: Array) -> None:
         count = len(curve.start)
         self.curve, self.row = curve, row
-        self.place, self.tangent = np.split(row[COORDINATES:], [count])
+        self.place, self.tangent = row[COORDINATES:][:count], row[COORDINATES:][count:]
         self.value = curve.value(self.place)
         self.viable = bool(row[VIABLE] > 0.0)
         self.x_max = float(row[X_MAX])
@@ -303,6 +303,19 @@ class BranchPoint:
     def orbit(self) -> PeriodicOrbit:
         """The motion there."""
         return orbit_of(self.solution)
+
+
+def _points(curve: SolutionCurve, rows: Array) -> list[BranchPoint]:
+    """Return the points of rows, and their moduli, at once for all."""
+    points = [BranchPoint(curve, row) for row in rows]
+    maps = np.zeros((len(rows), 4, 4))
+    for free, row in zip(maps, rows, strict=True):
+        size = int(row[SIZE])
+        free[:size, :size] = row[MAP : MAP + 16].reshape(4, 4)[:size, :size]
+    moduli = np.abs(np.linalg.eigvals(maps)).max(axis=-1)
+    for point, modulus in zip(points, moduli.tolist(), strict=True):
+        point.modulus = modulus
+    return points
 
 
 class SolutionCurve:
@@ -470,7 +483,7 @@ class SolutionCurve:
             self._lay_path(here.value)
         low, high = along.low / self.scale, along.high / self.scale
         ended, last = problem.compute(GO_ON, in_order, low, high, trace)
-        points = [BranchPoint(self, row) for row in trace[1 : last + 1].copy()]
+        points = _points(self, trace[1 : last + 1].copy())
         step_after = float(trace[-1, 0])
         if self._own or not points:
             return points, ended, step_after

@@ -40,8 +40,6 @@ STALLED_S = 180.0
 _MOST_RATE = 60.0
 #: Requests that a page may make that only watches; the rest change the rig.
 _WATCHING = frozenset(('view', 'play', 'seek', 'jump', 'what_if'))
-#: Requests that change nothing and take long; they end with their page, which asks again.
-_COMPUTING = frozenset(('structure',))
 
 Handler = Callable[[dict[str, Any], 'Client'], Awaitable[dict[str, Any] | None]]
 
@@ -60,7 +58,6 @@ class Client:
         self._waiting: dict[object, str] = {}
         self._count = 0
         self._requests: set[asyncio.Task[None]] = set()
-        self._computing: set[asyncio.Task[None]] = set()
         self._last: asyncio.Future[Any] | None = None
         self._since = 0.0
         self.closed = False
@@ -131,8 +128,6 @@ class Client:
         if not self.closed:
             self.closed = True
             self._waiting.clear()
-            for task in self._computing:
-                task.cancel()
             self._sink.close()
 
     # From the page
@@ -141,11 +136,7 @@ class Client:
         """Begin to process a message of the page; what comes next does not wait for the answer."""
         task = asyncio.ensure_future(self._process(text))
         self._requests.add(task)
-        task.add_done_callback(self._forget)
-
-    def _forget(self, task: asyncio.Task[None]) -> None:
-        self._requests.discard(task)
-        self._computing.discard(task)
+        task.add_done_callback(self._requests.discard)
 
     async def _process(self, text: str | bytes) -> None:
         """Process a message; errors in it are reported to this page only."""
@@ -154,8 +145,6 @@ class Client:
             message = read_json(text)
             identity = identity_of(message)
             check_request(message)
-            if message['type'] in _COMPUTING and (task := asyncio.current_task()) is not None:
-                self._computing.add(task)
             answer = await self._answer(message)
         except RequestError as error:
             answer = {'ok': False, 'reason': str(error)[:2000]}

@@ -77,8 +77,6 @@ class LiveRig(Source):
         self._status_sent: tuple[str, str] = ('', '')
         self._status_at = 0.0
         self._asking: asyncio.Task[None] | None = None
-        # The best gap of one structure is computed at a time.
-        self._designing = asyncio.Lock()
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
@@ -424,8 +422,7 @@ class LiveRig(Source):
         """Return the best damper of a structure, and the parameters of both."""
         try:
             rig = structure_of(typed)
-            async with self._designing:
-                answer = await designed(rig)
+            answer = await asyncio.to_thread(designed, rig)
         except FieldError as error:
             return {'ok': False, 'reason': str(error), 'field': error.field}
         note = note_on(rig, self.values.get('state_rate', math.inf))

@@ -9,7 +9,9 @@ import math
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +24,7 @@ from impact_damper_ros.bag.rig_topics import AXIS_JOINTS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay import Command, RecordedRun, Rows
 from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.theory.theory_process import TheoryProcess
+from impact_damper_ros.theory.documents import answers
 
 from .frames import PAUSED, View
 from .knobs import as_json, knobs_of, read_values
@@ -67,7 +69,6 @@ class Recording:
     #: Of each change the rig after it: what is shown of thousands of them is a few.
     packed: list[bytes]
     times: NDArray[np.float64]
-    theory: SharedTheory = field(default_factory=lambda: SharedTheory())
 
     @property
     def start(self) -> float:
@@ -145,52 +146,16 @@ def _measured(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.fl
     return measured_rows(rows, offsets_ns[np.clip(place, 0, None)])
 
 
-class SharedTheory:
-    """What theory says of a recording: one process for all players, which share what it found."""
+#: One thread computes the theory of recordings.
+_THEORY = ThreadPoolExecutor(1, 'theory')
 
-    def __init__(self) -> None:
-        self._process = TheoryProcess(documents=True)
-        # Documents by the number of their stretch, the complete ones, and what each player is in
-        self._documents: dict[int, str] = {}
-        self._complete: set[int] = set()
-        self._players: dict[object, tuple[int, RecordedStretch]] = {}
-        self._number = -1
 
-    def enter(self, player: object, number: int, stretch: RecordedStretch) -> None:
-        """Note in which stretch a player is."""
-        self._players[player] = number, stretch
-        self._choose()
-
-    def leave(self, player: object) -> None:
-        """Forget a player; with the last one the process ends."""
-        self._players.pop(player, None)
-        if not self._players:
-            self._number = -1
-            self._process.close()
-
-    def _choose(self) -> None:
-        """Compute a stretch that somebody is in: the present one until it is done, or the next."""
-        wanted = dict(self._players.values())
-        if self._number in wanted and self._number not in self._complete:
-            return
-        for number, stretch in wanted.items():
-            if number not in self._complete:
-                self._number = number
-                self._process.ask(stretch.state)
-                return
-
-    def document(self, player: object) -> str:
-        """Return what is known of the stretch of a player by now; empty if nothing is."""
-        if self._process.poll():
-            self._documents[self._number] = self._process.document
-            if self._process.done:
-                self._complete.add(self._number)
-                self._choose()
-            if len(self._documents) > _MOST_DOCUMENTS:
-                oldest = next(iter(self._documents))
-                del self._documents[oldest]
-                self._complete.discard(oldest)
-        return self._documents.get(self._players[player][0], '')
+@lru_cache(_MOST_DOCUMENTS)
+def _document(packed: bytes) -> str:
+    """Return what theory says of a stretch, given as `Recording.packed` has it."""
+    state, _ = json.loads(zlib.decompress(packed))
+    *_, (_, document) = answers(state, None, True)
+    return document
 
 
 class Player(Source):
@@ -210,24 +175,23 @@ class Player(Source):
         self._playing = True
         self._ghost: WhatIfMotion | None = None
         self._status_at = -math.inf
-        self._document = ''
+        # What theory says of the present stretch, until that is shown
+        self._asked: Future[str] | None = None
         self._enter(recorded.number_at(self._start))
 
     def _enter(self, number: int) -> None:
         self._number, self._stretch = number, self.recorded.stretch(number)
         self._rig = self._stretch.rig
-        self.recorded.theory.enter(self, number, self._stretch)
+        if self._asked is not None:
+            self._asked.cancel()
+        self._asked = _THEORY.submit(_document, self.recorded.packed[number])
         # What was known of another stretch is no theory of this one.
-        self._take_theory('')
-
-    def _take_theory(self, document: str) -> None:
-        if document is not self._document:
-            self._document = document
-            self.send_theory(json.loads(document or '{}'))
+        self.send_theory({})
 
     async def close(self) -> None:
         """End what it has started."""
-        self.recorded.theory.leave(self)
+        if self._asked is not None:
+            self._asked.cancel()
         if self._ghost is not None:
             self._ghost.close()
 
@@ -281,7 +245,9 @@ class Player(Source):
                 {**change, 'type': 'parameters', 'kind': 'change', 'values': values}
                 | ({} if played else {'time': None})
             )
-        self._take_theory(self.recorded.theory.document(self))
+        if self._asked is not None and self._asked.done():
+            self.send_theory(json.loads(self._asked.result()))
+            self._asked = None
         if self._ghost is not None:
             self._ghost.tick()
         if time.monotonic() >= self._status_at + _STATUS_PERIOD_S:

@@ -14,7 +14,7 @@ from .requests import RequestError
 #: What the page shows as long as a part of the theory is not known.
 _UNKNOWN: dict[str, dict[str, Any]] = {
     'orbit': {'type': 'orbit', 'found': False, 'text': '', 'kind': ''},
-    'gap_curve': {'type': 'gap_curve', 'branches': [], 'done': False, 'text': ''},
+    'gap_curve': {'type': 'gap_curve', 'branches': [], 'text': ''},
     'theory_failed': {'type': 'theory_failed', 'text': ''},
 }
 

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from impact_damper_ros.parameters.all_parameters import RIG_SPECS
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
-from impact_damper_ros.theory.background import BackgroundCall
 
 from .presets import scaled_to
 
@@ -36,7 +34,6 @@ _SIZES = {
     'force': ('force_amplitudes', 'N'),
     'amplitude': ('gap', 'mm'),
 }
-_LOOK_S = 0.05
 #: Stops under control, over the gap; samples of a control in a cycle, and its delay in cycles.
 _NARROWEST, _WIDEST, _SAMPLES, _DELAY = 1.0 / 6.0, 12.0, 40.0, 0.02
 #: Fewest samples of a cycle that a trace needs.
@@ -109,14 +106,19 @@ def structure_of(typed: Mapping[str, Any]) -> RigParameters:
         raise FieldError('size', str(error)) from None
 
 
-def _designed(rig: RigParameters) -> Iterator[dict[str, float] | None]:
-    """Yield what the page shows of the best damper of a rig, SI units; None if there is none."""
+def designed(rig: RigParameters) -> dict[str, float]:
+    """Return what the page shows of the best damper of a rig, SI units; or raise a FieldError."""
+    if not has_numba():
+        raise FieldError('mass', 'A design runs many rigs, compiled: pip install "numba>=0.59".')
     design = best_design(rig)
     if design is None:
-        yield None
-        return
+        raise FieldError(
+            'mass_ratio',
+            'No stable motion of two impacts per cycle was found: give another mass, or a lower '
+            'restitution.',
+        )
     other = mass_damper_response(rig, den_hartog(rig), np.array([rig.first_harmonic[1]]))
-    yield {
+    return {
         # The best gap that a rig from rest makes use of, and largest |X| with it
         'gap': design.gap,
         'x_max': design.x_max,
@@ -134,29 +136,6 @@ def _designed(rig: RigParameters) -> Iterator[dict[str, float] | None]:
         'level_high': design.level_range.high,
         'impact_speed': design.impact_speed,
     }
-
-
-async def designed(rig: RigParameters) -> dict[str, float]:
-    """Return the best damper of a rig, from a process of its own; FieldError if there is none."""
-    if not has_numba():
-        raise FieldError('mass', 'A design runs many rigs, compiled: pip install "numba>=0.59".')
-    call, found = BackgroundCall(_designed, rig), list[dict[str, float] | None]()
-    try:
-        while not found and not call.end:
-            await asyncio.sleep(_LOOK_S)
-            found += call.poll()
-    finally:
-        call.close()
-    if not found:
-        raise FieldError('', f'The best gap is not known: {call.end}.')
-    (answer,) = found
-    if answer is None:
-        raise FieldError(
-            'mass_ratio',
-            'No stable motion of two impacts per cycle was found: give another mass, or a lower '
-            'restitution.',
-        )
-    return answer
 
 
 def settings_of(rig: RigParameters, gap: float) -> dict[str, Any]:

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The what-if beside a recording: another rig with the same history, from a process of its own.
+The what-if beside a recording: another rig with the same history, from a thread of its own.
 
-The process sends impacts and samples as they are computed, and at last how it went.
+The thread hands over impacts and samples as they are computed, and at last how it went.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 from impact_damper_ros.bag import RecordingError
@@ -17,7 +19,6 @@ from impact_damper_ros.replay import RecordedRun, Replay, Setting
 from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.report.run_pair import RunPair
 from impact_damper_ros.rig.runaway import RunawayError
-from impact_damper_ros.theory.background import BackgroundCall
 
 from .motion import MOST_IMPACTS, MOST_SAMPLES, Motion, Stretch
 
@@ -35,11 +36,18 @@ class WhatIfMotion:
         self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._send = send
-        self._done = False
         # What both rigs amount to, once that is known
         self._totals: dict[str, Any] = {}
-        self._call = BackgroundCall(_computed, path, self._values, patience=0.0)
+        self._parts: SimpleQueue[tuple[str, Any]] = SimpleQueue()
+        self._closed = False
+        threading.Thread(target=self._compute, args=(path,), daemon=True).start()
         self._report('computing')
+
+    def _compute(self, path: Path) -> None:
+        for part in _computed(path, self._values):
+            if self._closed:
+                break
+            self._parts.put(part)
 
     def _report(self, text: str, *, on: bool = True, done: bool = False) -> None:
         samples = self.motion.samples
@@ -58,9 +66,9 @@ class WhatIfMotion:
 
     def tick(self) -> None:
         """Take in what has been computed."""
-        for kind, content in self._call.poll():
+        while not self._parts.empty():
+            kind, content = self._parts.get()
             if kind == 'end':
-                self._done = True
                 ok, text, self._totals = content
                 self._report(text, on=ok, done=True)
             elif kind == 'impacts':
@@ -68,15 +76,10 @@ class WhatIfMotion:
             else:
                 self.motion.add_samples(content)
                 self._report('computing')
-        if self._call.end and not self._done:
-            self._done = True
-            self._report(
-                'the process of the what-if ended early: try it again', on=False, done=True
-            )
 
     def close(self) -> None:
-        """End the process."""
-        self._call.close()
+        """End the computation."""
+        self._closed = True
 
 
 def _computed(path: Path, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:

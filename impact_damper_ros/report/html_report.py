@@ -253,7 +253,7 @@ def with_gap_curves(comparison: RunComparison, done: Callable[[], object] = bool
                 orbit.parameters.replace(gap=1.0), GapCurve(orbit.parameters)
             )
             curve.follow(orbit)
-            drawn = replace(stretch.curves, gap_curve=curve.message(done=True))
+            drawn = replace(stretch.curves, gap_curve=curve.message())
             found[stretch.number] = replace(stretch, curves=drawn)
         done()
     return replace(comparison, stretches=tuple(found.values()))

@@ -2,9 +2,9 @@
 """
 The document that describes the theory of a rig, for viewers.
 
-A node publishes it as JSON on its topic ``theory`` while someone listens; the page gets the same
-of a recording from a worker of its own. It has four entries; the last three are None until they
-are known:
+A node publishes it as JSON on its topic ``theory`` while someone listens; the page makes the same
+of a recording. After a change there are two: the predicted motion and the curve of that, and some
+hundredths of a second later all motions. The last three of its four entries may be None:
 
 ``time``
     Rig time of the snapshot that it is for, s. A document with another time than the last snapshot
@@ -24,7 +24,7 @@ are known:
     ``branches`` (``label`` and the columns ``gap``, ``x_max_ratio``, ``stable``, ``viable``),
     ``special`` (bifurcations and other special points: ``gap``, ``x_max_ratio``, ``kind``,
     ``stable``), ``optimum`` (``gap``, ``x_max_ratio`` and ``bound``: 'at least' or 'at most' if
-    the best gap is beyond what was followed), ``done``, ``text`` (why there is no curve).
+    the best gap is beyond what was followed), ``text`` (why there is no curve).
 ``theory_failed``
     ``type`` ('theory_failed') and ``text``: why there is no theory.
 """
@@ -32,8 +32,6 @@ are known:
 from __future__ import annotations
 
 import json
-import time
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -44,19 +42,16 @@ from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.rig.rig import Rig
 
 from .expected_motion import predictions, zero_of_force
-from .gap_curve import MOST_POINTS, PREVIEW_POINTS, GapCurve, name_of
+from .gap_curve import GapCurve, name_of
 from .motion_curve import orbit_curve
 from .prediction import ObservedMotion, Prediction, failed_document
 
-#: Delay of the work, s: turning a knob makes a request at each step, and only the last counts.
-_QUIET_S = 0.04
-
 
 def theory(
-    state: Mapping[str, Any], measured: ObservedMotion | None = None, *, document: bool = True
-) -> Iterator[Prediction | dict[str, Any]]:
+    state: Mapping[str, Any], measured: ObservedMotion | None = None
+) -> Iterator[tuple[Prediction, dict[str, Any]]]:
     """
-    Compute what theory says of a rig, in answers of increasing quality.
+    Compute what theory says of a rig: its motion and the curve of that, then the other motions.
 
     Parameters
     ----------
@@ -64,59 +59,59 @@ def theory(
         State of a snapshot.
     measured : ObservedMotion or None, optional
         The motion measured on the rig since.
-    document : bool, optional
-        Whether to make documents for viewers, with the curve over the gap.
 
     Yields
     ------
-    Prediction or dict
-        Predictions, and documents as the module describes them.
+    prediction : Prediction
+        As `expected_motion.predictions` yields it.
+    document : dict
+        As the module describes it.
     """
-    rig = Rig.restore(dict(state))
-    if not document:
-        yield from predictions(rig, measured)
-        return
-    last = Prediction()
-    shown: dict[str, Any] = {'time': state['time'], 'orbit': None, 'gap_curve': None}
-    shown['theory_failed'] = None
+    rig = Rig.restore(dict(state), compiled=None)
     curve = GapCurve(rig.parameters)
-    # Theory applies only to a rig whose last prediction is to come.
-    followed = not rig.parameters.one_sided
-    for number, last in enumerate(predictions(rig, measured)):
-        yield last
-        shown['orbit'] = orbit_message(rig, last)
-        yield dict(shown)
-        start = curve.here = last.expected
-        if followed and start is not None and not last.complete:
-            # The first answer may be replaced by another motion.
-            curve.follow(start, MOST_POINTS if number else PREVIEW_POINTS)
-            shown['gap_curve'] = curve.message()
-            yield dict(shown)
-    if not last.applies:
-        yield failed_document(state['time'], last.reason) | {'orbit': shown['orbit']}
-        return
-    for start in [*curve.starts, *last.orbits] if followed else ():
-        if curve.follow(start):
-            yield {**shown, 'gap_curve': curve.message()}
-    text = '' if followed else 'a one-sided rig has no gap'
-    yield {**shown, 'gap_curve': curve.message(done=True, text=text)}
+    why = '' if not rig.parameters.one_sided else 'a one-sided rig has no gap'
+    for prediction in predictions(rig, measured):
+        document: dict[str, Any] = {'time': state['time'], **dict.fromkeys(_ENTRIES)}
+        document['orbit'] = orbit_message(rig, prediction)
+        expected = prediction.expected
+        if not prediction.applies:
+            document['theory_failed'] = {'type': 'theory_failed', 'text': prediction.reason}
+        elif expected is not None or prediction.complete:
+            others = prediction.orbits if prediction.complete else ()
+            for orbit in filter(None, (expected, *others)) if not why else ():
+                curve.follow(orbit)
+            document['gap_curve'] = curve.message(expected, why)
+        yield prediction, document
+
+
+_ENTRIES = 'orbit', 'gap_curve', 'theory_failed'
 
 
 def answers(
-    state: Mapping[str, Any], measured: ObservedMotion | None, document: bool
-) -> Iterator[Prediction | str | None]:
-    """Yield the answers to a request, documents as JSON, and None as the last."""
-    warnings.simplefilter('ignore')
-    time.sleep(_QUIET_S)
+    state: Mapping[str, Any], measured: ObservedMotion | None, documented: bool
+) -> Iterator[tuple[Prediction, str]]:
+    """Yield the answers to a request: predictions, and documents as JSON where wanted."""
     try:
-        for answer in theory(state, measured, document=document):
-            if isinstance(answer, Prediction):
-                yield answer
+        with np.errstate(all='ignore'):
+            if documented:
+                for prediction, document in theory(state, measured):
+                    yield prediction, _in_pieces(document)
             else:
-                yield json.dumps(answer, allow_nan=False)
+                rig = Rig.restore(dict(state), compiled=None)
+                for prediction in predictions(rig, measured):
+                    yield prediction, ''
     except Exception as error:
-        yield Prediction(error=f'{type(error).__name__}: {error}')
-    yield None
+        text = f'{type(error).__name__}: {error}'
+        yield Prediction(error=text, complete=True), failed_document(state.get('time'), text)
+
+
+def _in_pieces(value: Any) -> str:
+    """Return a value as JSON, made in pieces: the encoder holds the lock of the interpreter."""
+    if isinstance(value, dict):
+        return f'{{{", ".join(f"{json.dumps(k)}: {_in_pieces(v)}" for k, v in value.items())}}}'
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return f'[{", ".join(map(_in_pieces, value))}]'
+    return json.dumps(value, allow_nan=False)
 
 
 def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:

@@ -127,7 +127,7 @@ class _Orbits:
 
 def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Prediction]:
     """
-    Predict the motion of a rig, in answers of increasing quality.
+    Predict the motion of a rig, then find the other motions that it can have.
 
     Parameters
     ----------
@@ -140,8 +140,8 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     Yields
     ------
     Prediction
-        The first after about 20 ms, the last, which is `complete`, after a few tenths of a second.
-        For a rig without a periodic force there is only one, which gives the reason.
+        The predicted motion, and once more, `complete`, with the others. For a rig without a
+        periodic force there is only one, which gives the reason.
     """
     if rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'
@@ -157,8 +157,7 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     stops = (1,) if parameters.one_sided else (1, 2)
     orbits.search(parameters, stops, period, simulate=False)
     expected = None if measured is None else orbits.like(parameters, measured)
-    yield orbits.predict(expected, 'measured')
-    ahead = run_ahead(Rig.restore(rig.snapshot(), rig.own_law))
+    ahead = run_ahead(Rig.restore(rig.snapshot(), rig.own_law, compiled=None))
     reached = orbits.reached(parameters, ahead)
     prediction = orbits.predict(expected, 'measured')
     if expected is None:

@@ -11,7 +11,8 @@ from typing import Any
 from impact_damper_ros.orbits.arguments import OrbitError
 from impact_damper_ros.orbits.branch import END, POINTS, Branch, BranchPoint
 from impact_damper_ros.orbits.continuation import follow
-from impact_damper_ros.orbits.orbit import PeriodicOrbit
+from impact_damper_ros.orbits.orbit import PeriodicOrbit, stability_of
+from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
@@ -19,10 +20,8 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 #: factor, a branch is followed beyond an end at which M moves least.
 _SPAN = 4.0
 _MOST_FURTHER, _FURTHER = 4, 2.0
-#: Points in each direction of a first look, and of a whole branch.
-PREVIEW_POINTS, MOST_POINTS = 16, 150
-#: Largest number of branches that are followed.
-_MOST_BRANCHES = 4
+#: Most points of a branch in each direction, and most branches.
+_MOST_POINTS, _MOST_BRANCHES = 150, 4
 #: Relative difference of the largest |X| of two solutions for one motion, or its mirror image.
 _SAME = 1e-6
 
@@ -38,7 +37,6 @@ class GapBranch:
 
     start: PeriodicOrbit  # the motion that was followed
     branch: Branch
-    points: int  # most of them in each direction
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Return whether a motion of any rig, or its mirror image, is on the branch."""
@@ -53,18 +51,19 @@ class GapBranch:
     @cached_property
     def best(self) -> BranchPoint | None:
         """The stable motion with the least Xmax/A; None if there is none."""
-        return self.branch.best('x_max_ratio')
+        return self.branch.best()
 
     @cached_property
     def bound(self) -> str:
         """Where the best gap is if M moves least at an end: 'at least' there, or 'at most'."""
-        best, branch = self.best, self.branch
-        if best is None or len(branch.points) < 2:
+        best, points = self.best, self.branch.points
+        if best is None or len(points) < 2:
             return ''
-        if not branch.change_at(best.orbit).endswith((END, POINTS)):
-            return ''
-        near = branch.values[1 if best.orbit is branch.orbits[0] else -2]
-        return 'at least' if best.value > near else 'at most'
+        if best is points[0] and self.branch.began.endswith((END, POINTS)):
+            return 'at least' if best.value > points[1].value else 'at most'
+        if best is points[-1] and self.branch.ended.endswith((END, POINTS)):
+            return 'at least' if best.value > points[-2].value else 'at most'
+        return ''
 
     def further(self) -> GapBranch:
         """Follow the branch beyond the end at which M moves least."""
@@ -72,27 +71,27 @@ class GapBranch:
         assert best is not None
         gap = best.value
         ends = (gap, _FURTHER * gap) if self.bound == 'at least' else (gap / _FURTHER, gap)
-        beyond = follow(best.orbit, 'gap', *ends, most_points=self.points)
+        beyond = follow(best.orbit, 'gap', *ends, most_points=_MOST_POINTS)
         if ends[1] == gap:
             beyond = beyond.reversed()
-        if best.orbit is self.branch.orbits[0]:
+        if best is self.branch.points[0]:
             whole = self.branch.reversed().extended(beyond).reversed()
         else:
             whole = self.branch.extended(beyond)
-        return GapBranch(self.start, whole, self.points)
+        return GapBranch(self.start, whole)
 
 
-def follow_gap(orbit: PeriodicOrbit, points: int = MOST_POINTS) -> GapBranch | None:
+def follow_gap(orbit: PeriodicOrbit) -> GapBranch | None:
     """
     Follow a motion from a quarter to four times its gap; None where it cannot be followed.
 
-    With all points it is followed further while M moves least at an end.
+    It is followed further while M moves least at an end.
     """
     gap = orbit.parameters.gap
     try:
-        branch = follow(orbit, 'gap', gap / _SPAN, gap * _SPAN, most_points=points)
-        found = GapBranch(orbit, branch, points)
-        for _ in range(_MOST_FURTHER if points == MOST_POINTS else 0):
+        branch = follow(orbit, 'gap', gap / _SPAN, gap * _SPAN, most_points=_MOST_POINTS)
+        found = GapBranch(orbit, branch)
+        for _ in range(_MOST_FURTHER):
             if found.bound:
                 found = found.further()
     except (OrbitError, ValueError, ArithmeticError):
@@ -102,87 +101,71 @@ def follow_gap(orbit: PeriodicOrbit, points: int = MOST_POINTS) -> GapBranch | N
 
 class GapCurve:
     """
-    The branches of Xmax/A over the gap found so far.
+    The branches of Xmax/A over the gap.
 
     Parameters
     ----------
     rig : RigParameters
         The rig; its gap is varied.
-
-    Attributes
-    ----------
-    here : PeriodicOrbit or None
-        The motion of the rig.
     """
 
     def __init__(self, rig: RigParameters) -> None:
         self._rig = rig
-        self.here: PeriodicOrbit | None = None
+        # By which the largest |X| is multiplied; the amplitude A does not depend on the gap.
+        self._ratio = rig.x_max_ratio(1.0)
         self._branches: list[GapBranch] = []
 
-    @property
-    def starts(self) -> list[PeriodicOrbit]:
-        """The motions from which branches have been followed so far."""
-        return [branch.start for branch in self._branches]
-
-    def follow(self, start: PeriodicOrbit, points: int = MOST_POINTS) -> bool:
-        """Follow a motion, unless its branch is known as closely; return whether it was."""
-        place = 0
-        for known in self._branches:
-            if known.start is start or known.holds(start):
-                if known.points >= points:
-                    return False
-                break
-            place += 1
-        found = follow_gap(start, points) if place < _MOST_BRANCHES else None
-        if found is None:
-            return False
-        self._branches[place : place + 1] = [found]
-        return True
+    def follow(self, start: PeriodicOrbit) -> None:
+        """Follow a motion, unless it is on a known branch."""
+        if len(self._branches) >= _MOST_BRANCHES or math.isnan(self._ratio):
+            return
+        if any(known.start is start or known.holds(start) for known in self._branches):
+            return
+        branch = follow_gap(start)
+        if branch is not None:
+            self._branches.append(branch)
 
     def _optimum(self) -> dict[str, Any] | None:
-        """Return gap and Xmax/A of the lowest stable point; None where a branch goes on."""
-        found = [
-            (best.orbit.x_max_ratio, best.value, one.bound)
-            for one in self._branches
-            if (best := one.best) is not None and (one.points == MOST_POINTS or not one.bound)
-        ]
-        if not found:
+        """Return gap and Xmax/A of the lowest stable point; None without one."""
+        lowest = min(
+            (one for one in self._branches if one.best is not None),
+            key=lambda one: one.best.x_max if one.best is not None else math.inf,
+            default=None,
+        )
+        if lowest is None or lowest.best is None:
             return None
-        ratio, gap, bound = min(found)
-        return {'gap': gap, 'x_max_ratio': ratio, 'bound': bound}
+        ratio = lowest.best.x_max * self._ratio
+        return {'gap': lowest.best.value, 'x_max_ratio': ratio, 'bound': lowest.bound}
 
-    def message(self, *, done: bool = False, text: str = '') -> dict[str, Any]:
-        """Return the curve as `theory.documents` describes it."""
+    def message(self, here: PeriodicOrbit | None = None, text: str = '') -> dict[str, Any]:
+        """Return the curve as `theory.documents` describes it; `here` is the motion of the rig."""
         return {
             'type': 'gap_curve',
             'gap': self._rig.gap,
-            'x_max_ratio': self.here.x_max_ratio if self.here is not None else None,
-            'branches': [_columns(one) for one in self._branches],
+            'x_max_ratio': None if here is None else as_plain(here.x_max_ratio),
+            'branches': [self._columns(one) for one in self._branches],
             'special': [
                 {
                     'gap': special.value,
-                    'x_max_ratio': special.orbit.x_max_ratio,
+                    'x_max_ratio': special.point.x_max * self._ratio,
                     'kind': special.kind.value,
-                    'stable': special.orbit.stable,
+                    'stable': stability_of(special.point.modulus) == 'stable',
                 }
                 for one in self._branches
                 for special in one.branch.special
-                if special.orbit.viable
+                if special.point.viable
             ],
             'optimum': self._optimum(),
-            'done': done,
-            'text': text,
+            'text': text or ('' if self._branches else 'no periodic motion can be followed'),
         }
 
-
-def _columns(one: GapBranch) -> dict[str, Any]:
-    """Return a branch for JSON."""
-    orbits = [o for o in one.branch.orbits if math.isfinite(o.x_max_ratio)]
-    return {
-        'label': name_of(one.start),
-        'gap': [o.parameters.gap for o in orbits],
-        'x_max_ratio': [o.x_max_ratio for o in orbits],
-        'stable': [o.stable for o in orbits],
-        'viable': [o.viable for o in orbits],
-    }
+    def _columns(self, one: GapBranch) -> dict[str, Any]:
+        """Return a branch for JSON."""
+        points = one.branch.points
+        return {
+            'label': name_of(one.start),
+            'gap': [point.value for point in points],
+            'x_max_ratio': [point.x_max * self._ratio for point in points],
+            'stable': [stability_of(point.modulus) == 'stable' for point in points],
+            'viable': [point.viable for point in points],
+        }

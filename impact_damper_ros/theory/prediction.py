@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.orbits.orbit import Apart, PeriodicOrbit, Rhythm
@@ -75,7 +76,8 @@ class Prediction:
         return min(turned, key=lambda pair: max(pair[1]), default=None)
 
 
-def failed_document(time: float | None, text: str) -> dict[str, Any]:
-    """Return the document of a rig for which there is no theory."""
+def failed_document(time: float | None, text: str) -> str:
+    """Return the document of a rig for which there is no theory, or none yet, as JSON."""
     reason = {'type': 'theory_failed', 'text': text} if text else None
-    return {'time': time, 'orbit': None, 'gap_curve': None, 'theory_failed': reason}
+    document = {'time': time, 'orbit': None, 'gap_curve': None, 'theory_failed': reason}
+    return json.dumps(document)

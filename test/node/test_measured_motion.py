@@ -27,7 +27,7 @@ from impact_damper_ros.node.motion_report import (
 from impact_damper_ros.node.motion_trace import KEPT, MotionTrace
 from impact_damper_ros.orbits.orbit import AT_IMPACTS
 from impact_damper_ros.theory.prediction import Prediction
-from impact_damper_ros.theory.theory_process import TheoryProcess
+from impact_damper_ros.theory.theory_thread import TheoryThread
 
 INCLINED = RigParameters(angle=math.pi / 4, friction=0.5, gravity=1.0, force_frequencies=1.02)
 ORBIT = find_orbits(INCLINED, (1, 2)).orbits[0]
@@ -86,7 +86,7 @@ def test_transmissibility_of_the_last_cycles():
     values = measured_report(measured).values
     shown = [values[name] for name in TRANSMISSIBILITIES]
     assert list(map(float, shown)) == pytest.approx(measured.transmissibility[:2], rel=1e-4)
-    theory = TheoryProcess()
+    theory = TheoryThread()
     agreement = compare(measured, Prediction((orbit,), complete=True))
     values = predicted_report(theory, agreement).values
     shown = [float(values[name]) for name in TRANSMISSIBILITIES]
@@ -262,7 +262,7 @@ def test_the_motion_of_the_same_kind_that_is_nearest_is_chosen():
 
 
 def reported(measured=MEASURED, answer=ANSWER, **status):
-    theory = TheoryProcess()
+    theory = TheoryThread()
     theory.prediction = answer
     for name, value in status.items():
         setattr(theory, name, value)
@@ -314,7 +314,7 @@ def test_values_are_written_for_machines():
 
 
 def test_a_measured_motion_that_theory_did_not_name_is_asked_for_once():
-    theory = TheoryProcess()
+    theory = TheoryThread()
     trace = traced(Rig(INCLINED), 250)
     asked = []
     theory.ask_like = asked.append

@@ -24,7 +24,7 @@ def settled():
     found = compared(FRICTION, 400)
     curve = GapCurve(FRICTION)
     curve.follow(found.predicted)
-    return found, curve.message(done=True)
+    return found, curve.message()
 
 
 def example(*, gap_curve=True):

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Theory in a thread: requests to it, and its answers."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from .prediction import ObservedMotion, Prediction, failed_document
+
+#: Time for which the other motions of a rig wait for the next request, s.
+_QUIET_S = 0.2
+_OFF = 'theory is switched off: predict_motion is false'
+
+
+class _Request(NamedTuple):
+    """What is asked: a rig, what was measured on it, whether a document is wanted, and when."""
+
+    state: Mapping[str, Any]
+    measured: ObservedMotion | None
+    documented: bool
+    began: float
+
+
+class TheoryThread:
+    """
+    What theory says of the present rig.
+
+    A request is computed in a thread, whose kernels hold no lock of the interpreter. The next one
+    takes its place as soon as it has an answer. The methods return at once.
+
+    Parameters
+    ----------
+    on_answer : callable, optional
+        Called from the thread after each answer.
+
+    Attributes
+    ----------
+    course : int
+        Number of rigs that were asked for so far.
+    prediction : Prediction or None
+        The newest one for the last of them.
+    document : str
+        The newest document, JSON as `theory.documents` describes it; of an earlier rig until
+        there is one for the last.
+    seconds : float
+        Time from the request to the newest answer, s.
+    done : bool
+        Whether no more answers are to come.
+    enabled : bool
+        Whether anything is computed.
+    """
+
+    def __init__(self, on_answer: Callable[[], object] = lambda: None) -> None:
+        self.course = 0
+        self.prediction: Prediction | None = None
+        self.document = failed_document(None, '')
+        self.seconds = 0.0
+        self.done = self.enabled = True
+        self._on_answer = on_answer
+        self._documents = self._closed = False
+        # The newest request, for as long as it counts, and whether it has to be begun
+        self._request: _Request | None = None
+        self._waiting = False
+        self._news = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name='theory', daemon=True)
+        self._thread.start()
+
+    def ask(self, state: Mapping[str, Any]) -> None:
+        """Request the theory of a rig, given by the state of a snapshot, and forget the last."""
+        with self._news:
+            self.course += 1
+            self._request = _Request(state, None, self._documents, time.monotonic())
+            # The document stays until there is another one: its time is that of its rig.
+            self.prediction = None
+            self._begin()
+
+    def ask_like(self, measured: ObservedMotion) -> None:
+        """Request that of the same rig once more, given how it was measured to move."""
+        with self._news:
+            if self._request is not None:
+                self._request = self._request._replace(measured=measured)
+                self._begin()
+
+    def want_documents(self, wanted: bool) -> None:
+        """Choose whether documents are made; those of the present rig are made only once."""
+        with self._news:
+            self._documents = wanted
+            if wanted and self._request is not None and not self._request.documented:
+                self._begin()
+
+    def enable(self, enabled: bool) -> None:
+        """Switch the computation on, or off."""
+        with self._news:
+            if enabled != self.enabled:
+                self.enabled = enabled
+                self.prediction = None
+                known = self._request and self._request.state['time']
+                self.document = failed_document(known, '' if enabled else _OFF)
+                self._begin()
+
+    def close(self) -> None:
+        """End the thread, once it has its present answer."""
+        with self._news:
+            self._closed = True
+            self._news.notify()
+
+    def _begin(self) -> None:
+        """Let the thread begin with the newest request."""
+        if self._request is not None:
+            began = time.monotonic()
+            self._request = self._request._replace(documented=self._documents, began=began)
+        self._waiting = self.enabled and self._request is not None
+        self.done = not self._waiting
+        self._news.notify()
+
+    # The thread
+
+    def _run(self) -> None:
+        # They take seconds to load, which nobody has to wait for.
+        from .documents import answers
+
+        loaded = False
+        while True:
+            with self._news:
+                self._news.wait_for(lambda: self._waiting or self._closed)
+                request, self._waiting = self._request, False
+            if self._closed or request is None:
+                return
+            for answer in answers(request.state, request.measured, request.documented):
+                with self._news:
+                    if self._closed or request is not self._request or not self.enabled:
+                        break
+                    self._take(request, *answer)
+                self._on_answer()
+                with self._news:
+                    # While a knob is turned, the next request comes first.
+                    if self._news.wait_for(lambda: self._waiting or self._closed, _QUIET_S):
+                        break
+            if not loaded:
+                # The garbage collector need not go through all that has been loaded.
+                gc.freeze()
+                loaded = True
+
+    def _take(self, request: _Request, prediction: Prediction, document: str) -> None:
+        self.document = document or self.document
+        self.prediction, self.done = prediction, prediction.complete
+        self.seconds = time.monotonic() - request.began
