@@ -9,9 +9,9 @@ Node, server and clients are processes of their own. The clients are WebSockets 
 per second and count; they draw nothing. Latency is from the stamp of the newest joint state in a
 frame, the instant at which it held, to the arrival of the frame at the client. The period error of
 the node is that of `benchmarks/node.py`: between source timestamps, seen by one more subscriber.
-``--theory`` measures only how long after a change its theory comes, for the presets that have a
-curve over the gap; ``--memory`` only the memory of the server with a client that never reads, for
-so many minutes.
+``--theory`` measures only how long after a value of a knob the theory of that rig is at a page:
+the predicted motion, the curve over the gap, and all motions; ``--memory`` only the memory of the
+server with a client that never reads, for so many minutes.
 """
 
 from __future__ import annotations
@@ -45,10 +45,7 @@ from node_process import (
     say,
 )
 
-from impact_damper_ros import Rig
 from impact_damper_ros.page.frames import HEADER
-from impact_damper_ros.page.presets import load_presets
-from impact_damper_ros.theory.theory_process import TheoryProcess
 
 RATE = 200
 CLIENTS = 4
@@ -227,51 +224,59 @@ def measure_memory(seconds: float, directory: str) -> list[dict[str, float]]:
     return rows
 
 
-def measure_theory(rounds: int) -> list[dict[str, Any]]:
-    """Return how long after a change the parts of its theory come, medians."""
-    states = {}
-    for preset in load_presets().values():
-        rig = Rig(preset.rig, preset.initial, control=preset.control)
-        rig.advance(20.0)
-        states[preset.name] = rig.snapshot()
-    theory = TheoryProcess(documents=True)
-    # It starts with the first request; the page asks for the next rigs.
-    theory_times(theory, next(iter(states.values())))
-    rounds_of: dict[str, list[dict[str, float]]] = {name: [] for name in states}
-    for _ in range(rounds):
-        for name, state in states.items():
-            rounds_of[name].append(theory_times(theory, state))
-    theory.close()
-    rows = []
-    for name, found in rounds_of.items():
-        if 'first part' in found[0]:
-            times = {k: quantile(sorted(f[k] for f in found), 0.5) for k in found[0]}
-            rows.append({'preset': name, **times})
+async def turn_knob(url: str, count: int, pause: float) -> list[dict[str, float]]:
+    """Be a page on which the gap is turned; return how long after each value its theory came."""
+    from tornado.websocket import websocket_connect
+
+    page = await websocket_connect(url)
+    gap, rows = 0.024, list[dict[str, float]]()
+
+    async def answered(began: float) -> dict[str, float]:
+        times: dict[str, float] = {}
+        while len(times) < 3:
+            content = await page.read_message()
+            if not isinstance(content, str):
+                continue
+            message = json.loads(content)
+            now = time.monotonic() - began
+            if message['type'] == 'orbit' and message['found']:
+                if abs(2.0 * max(map(abs, message['y'])) / gap - 1.0) < 1e-4:
+                    times.setdefault('orbit', now)
+                    if message['complete']:
+                        times.setdefault('all', now)
+            if message['type'] == 'gap_curve' and message.get('gap') == gap:
+                times.setdefault('curve', now)
+            if pause < 0.2 and {'orbit', 'curve'} <= set(times):
+                break
+        return times
+
+    await answered(time.monotonic())
+    for k in range(count):
+        gap = round(0.024 + 0.004 * ((k * 0.37) % 1.0), 6)
+        began = time.monotonic()
+        await page.write_message(json.dumps({'type': 'set', 'id': k, 'values': {'gap': gap}}))
+        rows.append(await answered(began))
+        await asyncio.sleep(max(0.0, pause - (time.monotonic() - began)))
+    page.close()
     return rows
 
 
-def theory_times(theory: TheoryProcess, state: dict[str, Any]) -> dict[str, float]:
-    """Return when the parts of the theory of a rig come, s."""
-    times: dict[str, float] = {}
-    began, newest, known = time.monotonic(), 0.0, None
-    theory.ask(state)
-    while not theory.done:
-        time.sleep(0.005)
-        theory.poll()
-        now = time.monotonic() - began
-        document = json.loads(theory.document)
-        orbit, curve = document['orbit'], document['gap_curve']
-        if orbit:
-            times.setdefault('orbit', now)
-        if curve and curve['branches']:
-            times.setdefault('first part', now)
-            # It is followed to its ends before the other motions are looked for.
-            if orbit and orbit['complete']:
-                times.setdefault('curve of the motion', newest or now)
-        if curve != known:
-            known, newest = curve, now
-    times['all'] = time.monotonic() - began
-    return times
+def measure_theory(count: int) -> list[dict[str, Any]]:
+    """Return how long after a value of the gap its theory is at a page, medians and 95 %, ms."""
+    rows = []
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        running(node_command(RATE)),
+        server(directory) as (_, port),
+    ):
+        for title, pause in (('one value a second', 1.0), ('10 values a second', 0.1)):
+            found = asyncio.run(turn_knob(f'ws://127.0.0.1:{port}/ws', count, pause))
+            row: dict[str, Any] = {'knob': title}
+            for name in found[0]:
+                times = sorted(1e3 * one[name] for one in found if name in one)
+                row |= {name: quantile(times, 0.5), f'{name}, 95 %': quantile(times, 0.95)}
+            rows.append(row)
+    return rows
 
 
 MEMORY = 'Memory of the server with a client that never reads'
@@ -293,9 +298,6 @@ def main() -> None:
     parser.add_argument('--clients', type=int, help=argparse.SUPPRESS)
     parser.add_argument('--url', nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    if arguments.theory:
-        print(table('Theory after a change, s', measure_theory(3)))
-        return
     if arguments.clients:
         be_clients(arguments.url[0], arguments.clients, float(arguments.url[1]))
         return
@@ -303,6 +305,9 @@ def main() -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
     if (Path(sys.prefix) / 'share' / 'ament_index').is_dir():
         os.environ.setdefault('AMENT_PREFIX_PATH', sys.prefix)
+    if arguments.theory:
+        print(table('Theory after a value, ms', measure_theory(60)))
+        return
     seconds, rounds = (8.0, 1) if arguments.quick else (30.0, 5)
     rclpy.init(args=[])
     if arguments.memory:
@@ -314,7 +319,7 @@ def main() -> None:
         found = {
             'server': measure_server(seconds, directory),
             'node': measure_node(seconds, rounds, directory),
-            'theory': measure_theory(1 if arguments.quick else 3),
+            'theory': measure_theory(10 if arguments.quick else 60),
             'memory': measure_memory(3 * seconds, directory),
         }
     rclpy.try_shutdown()
@@ -325,7 +330,7 @@ def main() -> None:
         )
     )
     print(table(f'Node, with and without {CLIENTS} clients', found['node']))
-    print(table('Theory after a change, s', found['theory']))
+    print(table('Theory after a value, ms', found['theory']))
     print(table(MEMORY, found['memory']))
     if arguments.json:
         arguments.json.write_text(json.dumps(found, indent=1))

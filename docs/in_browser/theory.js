@@ -821,7 +821,7 @@ class GapCurve {
     return branch !== null;
   }
 
-  message(done = false, text = '') {
+  message(text = '') {
     const ratio = (point) => point.x_max * this.amplitude;
     const bests = this.branches.flatMap(({ best, bound }) => (best ? [{ gap: best.gap, x_max_ratio: ratio(best), bound }] : []));
     return {
@@ -830,7 +830,8 @@ class GapCurve {
         label, gap: points.map(({ gap }) => gap), x_max_ratio: points.map(ratio), stable: points.map(isStable), viable: points.map(({ viable }) => viable),
       })),
       special: this.branches.flatMap(({ branch }) => branch.special.filter(({ point }) => point.viable).map(({ point, kind }) => ({ gap: point.gap, x_max_ratio: ratio(point), kind, stable: isStable(point) }))),
-      optimum: bests.length ? bests.reduce((one, other) => (other.x_max_ratio < one.x_max_ratio ? other : one)) : null, done, text,
+      optimum: bests.length ? bests.reduce((one, other) => (other.x_max_ratio < one.x_max_ratio ? other : one)) : null,
+      text: text || (this.branches.length ? '' : 'no periodic motion can be followed'),
     };
   }
 }
@@ -866,7 +867,7 @@ function* theoryOf({ parameters, control, run, angles, before = null }) {
     curve.here = prediction.expected;
     document_.orbit = orbitDocument(prediction);
     if (!rig.one_sided && prediction.expected) curve.follow(prediction.expected);
-    if (!rig.one_sided) document_.gap_curve = curve.message();
+    if (curve.branches.length) document_.gap_curve = curve.message();
     return { ...document_, expected: prediction.expected };
   };
   // A motion near the last one is the quickest answer, then what the theory of impacts has.
@@ -894,7 +895,7 @@ function* theoryOf({ parameters, control, run, angles, before = null }) {
     if (curve.follow(orbit)) document_.gap_curve = curve.message();
     yield null;
   }
-  document_.gap_curve = rig.one_sided ? { type: 'gap_curve', branches: [], done: true, text: 'a one-sided rig has no gap' } : curve.message(true);
+  document_.gap_curve = rig.one_sided ? curve.message('a one-sided rig has no gap') : curve.message();
   yield { ...document_, expected: prediction.expected };
   return null;
 }

@@ -108,7 +108,7 @@ RIG_TOPICS: dict[str, RigTopic] = {
 
 #: What the node publishes beside them, and does not record.
 LIVE_TOPICS: dict[str, RigTopic] = {
-    'theory': RigTopic('theory', STRING, LATCHED, when='when more is known'),
+    'theory': RigTopic('theory', STRING, LATCHED, when='twice after a change'),
     # Reliable and best-effort subscribers match.
     'clock': RigTopic(
         '/clock',

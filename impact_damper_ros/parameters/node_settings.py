@@ -111,7 +111,7 @@ class NodeSettings(ParameterTable):
         'Largest force of an external control; a larger one is limited to it. 0 for no limit.',
     )
     predict_motion: bool = flag(
-        True, 'Predict the periodic motion, in a process of its own, for the diagnostics.'
+        True, 'Predict the periodic motion, for the diagnostics and the page.'
     )
     record: bool = flag(False, 'Record the run to MCAP.')
     bag_directory: str = text(

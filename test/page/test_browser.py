@@ -335,7 +335,7 @@ def test_theory_is_drawn_and_its_curve_sets_the_gap(opened, parameters):
     page.expect('#knob-gap').to_have_value('23.3')
     page.wait("""seen.some(([text, title]) => text.startsWith('≈\u202f0.8')
         && title.includes('gap curve'))""")
-    page.wait('impactDamper.theory.curve?.done')
+    page.wait('impactDamper.theory.orbit?.complete')
     page.expect(value).to_have_attribute('title', '')
     optimum = page.run('impactDamper.theory.curve.optimum.gap')
     assert float(page(value).text_content()) == pytest.approx(0.0233 / optimum, abs=6e-3)

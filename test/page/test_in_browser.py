@@ -376,7 +376,7 @@ def test_a_stranger_turns_the_gap_and_chooses_a_preset(opened):
     page.type('#knob-gap', '12')
     page.wait("location.hash.includes('gap=0.012')")
     page.expect('#rig-line').to_contain_text('gap 12.0')
-    page.wait('impactDamper.theory.curve.gap === 0.012 && impactDamper.theory.curve.done')
+    page.wait('impactDamper.theory.curve.gap === 0.012 && impactDamper.theory.orbit.complete')
     page.expect('#theory-text').to_contain_text('2 impacts in 1 cycle, unstable; run ahead')
     page.type('#knob-gap', '-3')
     page.expect('[data-name=gap].big .error').to_contain_text('gap is -3.0 mm: give a number')

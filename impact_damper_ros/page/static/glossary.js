@@ -5,7 +5,7 @@ import { all, byId, element } from './dom.js';
 
 export const TERMS = {
   'gap': ['gap d', 'The distance that m can move between the stops; both stops together are moved by the gap control.'],
-  'best-gap': ['best gap', 'The gap at which theory has the smallest stable motion of M. ≈ marks a value from a part of the gap curve. “At least” or “at most”: the best gap lies beyond the end of the curve.'],
+  'best-gap': ['best gap', 'The gap at which theory has the smallest stable motion of M. “At least” or “at most”: the best gap lies beyond the end of the curve.'],
   'natural-frequency': ['natural frequency', 'The frequency √(K/M)/2π at which M would vibrate freely on its spring.'],
   'damping-ratio': ['damping ratio ζ', 'Damping as a share of the critical one: C/(2√(KM)). At 0.01 a free vibration halves in 11 cycles.'],
   'frequency-ratio': ['frequency ratio r', 'Frequency of the force over the natural one, Ω/ω; at r = 1 the rig is at resonance.'],

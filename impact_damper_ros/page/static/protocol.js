@@ -56,7 +56,7 @@
  * @typedef {{ type: 'orbit', found: boolean, text: string, kind: string, complete?: boolean, others?: object[], label?: string, stable?: boolean, viable?: boolean, reason?: string, x_max?: number, x_max_ratio?: number | null, multipliers?: [number, number][], cycles?: number, stops?: number[], period?: number, basis?: string, impacts?: { phase: number, x: number, stop: number, velocity_after: number, damper_velocity_after: number }[], t_zero?: number | null, t?: number[], phase?: number[], x?: number[], z?: number[], y?: number[], relative_velocity?: number[] }} Orbit
  * @typedef {{ label?: string, gap: number[], x_max_ratio: number[], stable: boolean[], viable: boolean[] }} Branch
  * @typedef {{ gap: number, x_max_ratio: number, kind: string, stable: boolean }} Special
- * @typedef {{ type: 'gap_curve', gap?: number, x_max_ratio?: number | null, branches: Branch[], special?: Special[], optimum?: { gap: number, x_max_ratio: number, bound: string } | null, done: boolean, text: string }} Curve
+ * @typedef {{ type: 'gap_curve', gap?: number, x_max_ratio?: number | null, branches: Branch[], special?: Special[], optimum?: { gap: number, x_max_ratio: number, bound: string } | null, text: string }} Curve
  * @typedef {{ type: 'theory_failed', text: string }} TheoryFailed
  * @typedef {{ type: 'rigs', list: string[] }} Rigs
  * @typedef {{ type: 'recordings', list: ListedRecording[] }} RecordingsList

@@ -65,9 +65,9 @@ export class Theory {
     return stable ? label : `unstable: ${label}`;
   }
 
-  /** The best gap known, and where it is from: the curve, a part of it, or an end of it. */
+  /** The best gap known, and whether it is beyond an end of the curve. */
   get best() {
     const { gap = null, bound = '' } = this.curve?.optimum ?? {};
-    return { gap, basis: this.curve?.done ? bound : 'part' };
+    return { gap, bound };
   }
 }

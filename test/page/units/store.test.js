@@ -69,13 +69,13 @@ test('a design is forgotten once another parameter than the gap changes', () => 
   assert.equal(store.design, null);
 });
 
-test('the best gap is that of the curve, of a part of it, or beyond its end', () => {
+test('the best gap is that of the curve, or beyond its end', () => {
   const { store } = greeted();
-  const curve = { type: 'gap_curve', branches: [], done: false, text: '', optimum: { gap: 0.03, x_max_ratio: 0.1, bound: '' } };
+  const curve = { type: 'gap_curve', branches: [], text: '', optimum: { gap: 0.03, x_max_ratio: 0.1, bound: '' } };
   store.receive(curve);
-  assert.deepEqual(store.theory.best, { gap: 0.03, basis: 'part' });
-  store.receive({ ...curve, done: true, optimum: { ...curve.optimum, bound: 'at least' } });
-  assert.deepEqual(store.theory.best, { gap: 0.03, basis: 'at least' });
+  assert.deepEqual(store.theory.best, { gap: 0.03, bound: '' });
+  store.receive({ ...curve, optimum: { ...curve.optimum, bound: 'at least' } });
+  assert.deepEqual(store.theory.best, { gap: 0.03, bound: 'at least' });
   store.receive({ type: 'orbit', found: false, text: 'why not', kind: 'chaotic' });
   assert.deepEqual([store.theory.failed, store.theory.title], ['why not', 'chaotic']);
 });

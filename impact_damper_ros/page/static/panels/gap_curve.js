@@ -172,7 +172,7 @@ class GapCurve extends Axes {
       }
     });
     if (!branches.length) {
-      this.say(curve?.text || this.theory.failed || (curve?.done ? 'no periodic motion found' : 'computing…'), box);
+      this.say(curve?.text || this.theory.failed || 'computing…', box);
     }
     const label = this.gap > 0 ? `${digits(this.gap * factor, 4)} ${unit}` : 'unknown';
     const { canvas } = this;
@@ -215,11 +215,10 @@ class GapCurve extends Axes {
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
   const panel = new GapCurve(byId('curve-canvas'), store, (gap) => actions.turn({ gap }));
-  store.on('numbers', () => panel.place(store.numbers.gap, store.numbers.x_max_ratio ?? NaN));
+  store.on('numbers values', () => panel.place(store.values.gap ?? store.numbers.gap, store.numbers.x_max_ratio ?? NaN));
   store.on('theory', () => {
-    const { gap, basis } = store.theory.best;
-    const sign = basis === 'part' ? '≈\u202f' : basis && `${basis} `;
-    const text = gap > 0 ? `best gap ${sign}${withUnit(gap, 'm')}` : '';
+    const { gap, bound } = store.theory.best;
+    const text = gap > 0 ? `best gap ${bound && `${bound} `}${withUnit(gap, 'm')}` : '';
     write(byId('curve-line'), text);
     mark(byId('curve-line'), 'title', text);
   });

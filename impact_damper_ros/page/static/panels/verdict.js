@@ -13,18 +13,16 @@ const NUMBERS = [
   ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
   ['static_amplitude', 'amplitude', 'amplitude A', (value) => withUnit(value, 'm')],
   ['mass_ratio', 'mass-ratio', 'µ = m/M', (value) => digits(value, 3)],
-  ['gap_ratio', 'best-gap', 'gap / best gap', (value, { basis }) => about(digits(value, 3), basis)],
+  ['gap_ratio', 'best-gap', 'gap / best gap', (value, { bound }) => about(digits(value, 3), bound)],
   ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
   ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
 ];
-/** A best gap that is not that of the whole curve: the sign of its ratio, and where it is from. */
-const PRELIMINARY = {
-  part: ['≈', 'from the part of the gap curve that is known by now'],
+/** A best gap beyond the curve: the sign of its ratio, and where it is. */
+const BEYOND = {
   'at least': ['≤', 'M moves least at the largest gap of the curve: the best gap is beyond'],
   'at most': ['≥', 'M moves least at the smallest gap of the curve: the best gap is beyond'],
 };
-/** Mark a number as preliminary. */
-const about = (text, basis) => (basis in PRELIMINARY && text !== '–' ? `${PRELIMINARY[basis][0]}\u202f${text}` : text);
+const about = (text, bound) => (bound in BEYOND && text !== '–' ? `${BEYOND[bound][0]}\u202f${text}` : text);
 /** Numbers of a what-if, as `replay_run --set` prints them. */
 const TOTALS = [
   ['largest |X|', 'x_max', (value) => withUnit(value, 'm', 4)],
@@ -115,10 +113,10 @@ class Verdict {
   }
 
   numbers(message, theory) {
-    const { gap: best, basis } = theory.best;
-    message = { ...message, gap_ratio: best > 0 ? message.gap / best : null, basis };
+    const { gap: best, bound } = theory.best;
+    message = { ...message, gap_ratio: best > 0 ? message.gap / best : null, bound };
     for (const [key, , , format] of NUMBERS) write(this.values[key], format(message[key], message));
-    const [, origin] = PRELIMINARY[best > 0 ? basis : ''] ?? ['', ''];
+    const [, origin] = BEYOND[best > 0 ? bound : ''] ?? ['', ''];
     mark(this.values.gap_ratio, 'title', origin);
     this.values.gap_ratio.classList.toggle('preliminary', Boolean(origin));
     this.ratio('measured', message.x_max_ratio);
