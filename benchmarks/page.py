@@ -239,11 +239,11 @@ async def turn_knob(url: str, count: int, pause: float) -> list[dict[str, float]
                 continue
             message = json.loads(content)
             now = time.monotonic() - began
-            if message['type'] == 'orbit' and message['found']:
-                if abs(2.0 * max(map(abs, message['y'])) / gap - 1.0) < 1e-4:
-                    times.setdefault('orbit', now)
-                    if message['complete']:
-                        times.setdefault('all', now)
+            reach = max(map(abs, message.get('y', [0.0])))
+            if message['type'] == 'orbit' and abs(2.0 * reach / gap - 1.0) < 1e-4:
+                times.setdefault('orbit', now)
+                if message['complete']:
+                    times.setdefault('all', now)
             if message['type'] == 'gap_curve' and message.get('gap') == gap:
                 times.setdefault('curve', now)
             if pause < 0.2 and {'orbit', 'curve'} <= set(times):
