@@ -29,7 +29,6 @@ from impact_damper_ros.parameters.units import quantity, split_number
 from impact_damper_ros.report import design_report as report
 from impact_damper_ros.report.formatting import quantity as written
 from impact_damper_ros.report.plan_report import plan_text
-from impact_damper_ros.sweep.execution import process_pool, without_interrupts
 
 from .command_line import (
     EXIT_FAILED,
@@ -311,19 +310,6 @@ def _mass_ratios(arguments: argparse.Namespace, rig: RigParameters) -> Sequence[
     return [float(f'{ratio:.3g}') for ratio in np.geomspace(low, high, len(MASS_RATIOS))]
 
 
-def _found(rig: RigParameters, ratios: Sequence[float]) -> list[Design]:
-    """Return the best damper of each mass ratio, computed by two processes."""
-    rigs = [rig.replace(mass_ratio=ratio) for ratio in ratios]
-    if len(rigs) == 1:
-        found = list(map(best_design, rigs))
-    else:
-        with process_pool(2) as pool:
-            with without_interrupts():
-                designs = pool.map(best_design, rigs)
-            found = list(designs)
-    return [design for design in found if design is not None]
-
-
 def _check(arguments: argparse.Namespace) -> int:
     """List the runs of a rig to record on a bench."""
     rig = given_rig(arguments.check, with_control=False).parameters
@@ -361,7 +347,8 @@ def _design(arguments: argparse.Namespace) -> int:
             EXIT_FAILED,
         )
     with long_work('design_damper', 'still looking for the best gaps; Ctrl-C ends it'):
-        found = _found(rig, _mass_ratios(arguments, rig))
+        tried = (best_design(rig.replace(mass_ratio=r)) for r in _mass_ratios(arguments, rig))
+        found = [design for design in tried if design is not None]
         if not found:
             raise CommandError(
                 'no stable motion of two impacts per cycle was found: give another range of '

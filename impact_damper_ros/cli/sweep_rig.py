@@ -184,7 +184,7 @@ def _parser() -> argparse.ArgumentParser:
         '--jobs',
         type=up_to(MOST_JOBS),
         metavar='N',
-        help='number of processes [1; for the rest of a long sweep as many as cores]',
+        help='number of threads; of processes, if a law is plain Python [as many as cores]',
     )
     where.add_argument(
         '--scheduler',

@@ -23,13 +23,8 @@ import numpy as np
 
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import STICK
-from impact_damper_ros.orbits.flight_arrays import (
-    STATE,
-    Drive,
-    Flights,
-    Integrals,
-    rows_of_samples,
-)
+from impact_damper_ros.orbits.flight_arrays import STATE, Drive, Flights, rows_of_samples
+from impact_damper_ros.orbits.flight_integrals import Integrals
 from impact_damper_ros.parameters.all_parameters import unit_of
 from impact_damper_ros.parameters.quoting import setting
 from impact_damper_ros.parameters.rig_parameters import RigParameters

@@ -521,3 +521,11 @@ def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form:
             loop.compile(kinds)
     _ENTRIES[key] = loop.get_overload(kinds)
     return _ENTRIES[key]
+
+
+def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
+    """Call a kernel compiled, or as it is where there is no compiler."""
+    if not has_numba():
+        with np.errstate(all='ignore'):
+            return function(*arguments)
+    return compiled(function.__name__, arguments, what)(*arguments)

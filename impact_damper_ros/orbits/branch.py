@@ -13,6 +13,8 @@ from itertools import groupby, pairwise
 from operator import attrgetter
 from typing import Any, NamedTuple, overload
 
+import numpy as np
+
 from impact_damper_ros.parameters.quoting import counted, shown, similar_names
 
 from .arclength import CONVERGED, FARTHER, NEARER
@@ -363,12 +365,14 @@ class Branch:
             return size(point)
 
         if sides:
-            minimize_scalar(
-                size_at,
-                bounds=(0.0, float(len(sides))),
-                method='bounded',
-                options={'xatol': _NARROW},
-            )
+            # Where there is no motion its size is infinite, which ends a parabola
+            with np.errstate(invalid='ignore'):
+                minimize_scalar(
+                    size_at,
+                    bounds=(0.0, float(len(sides))),
+                    method='bounded',
+                    options={'xatol': _NARROW},
+                )
         return best
 
     def change_at(self, orbit: PeriodicOrbit) -> str:

@@ -11,7 +11,7 @@ the flights between them are those that the recorded states begin.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.motion.compiled import call_kernel
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.quoting import counted
@@ -27,24 +28,43 @@ from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome
 from impact_damper_ros.rig.runaway import RunawayError
 
+from .flight_integrals import (
+    FLIGHT_ACTIVE,
+    FLIGHT_BEGIN,
+    FLIGHT_COLUMNS,
+    FLIGHT_DECAY,
+    FLIGHT_LINE,
+    FLIGHT_PUSH,
+    FLIGHT_SHARE,
+    FLIGHT_SPAN,
+    FLIGHT_SPEED,
+    FLIGHT_SQUARE,
+    FLIGHT_X,
+    GAUSS_POINTS,
+    SUM_BASE,
+    SUM_FORCE,
+    SUM_LARGEST,
+    TERMS,
+    Integrals,
+    integrate_flights,
+)
 from .flights import Machine, machine_of
 from .multipliers import AWAY, FlightLaws
 from .response import Array, forced_response, free_response
-from .transmissibility import Moments, Transmissibility
 
 Mask = NDArray[np.bool_]
 
 #: Kind of rows beside those of events: the state at some instant.
 STATE = 0
-# Gauss points on [0, 1], and the longest piece, as an angle of the fastest oscillation: the error
-# of the integral of a square is round-off
-_NODES, _GAUSS = np.polynomial.legendre.leggauss(12)
-_PLACES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _GAUSS
-_PIECE = math.pi
-#: Pieces that are computed at once.
-_MOST_PIECES = 2**16
-#: A turning point is sought from points of this share of the largest |X|, in so many steps.
-_NEARLY, _STEPS = 0.98, 5
+
+
+def _mask_of(*kinds: EventKind) -> Mask:
+    """Return for each kind of row whether it is one of some."""
+    return np.isin(np.arange(max(EventKind) + 1), kinds)
+
+
+_JOINING = _mask_of(EventKind.REST, EventKind.STICK)
+_DECIDING = _mask_of(EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL)
 
 
 def rows_of_samples(samples: NDArray[np.void]) -> Events:
@@ -81,13 +101,12 @@ def _together(rows: Events) -> Mask:
     """
     kind, mode = rows['kind'], rows['mode']
     known = (kind > 0) & (mode >= 0)
-    joined = np.isin(kind, (EventKind.REST, EventKind.STICK))
-    joined = (joined & ~known) | (mode >= STICK)
-    decided = (
-        joined | known | np.isin(kind, (EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL))
-    )
+    joined = (_JOINING[kind] & ~known) | (mode >= STICK)
+    decided = joined | known | _DECIDING[kind]
     decided[0] = True
-    together = _last_known(decided, joined.astype(np.int64)) == 1
+    together: Mask = _last_known(decided, joined.astype(np.int64)) == 1
+    if known[kind > 0].all():
+        return together
     rests = np.where(kind == EventKind.REST, 1, 0)
     # The next row that decides is a rest
     ends = np.append(rests[1:], 0), np.append(decided[1:], True)
@@ -117,40 +136,6 @@ class Drive(NamedTuple):
     def phase(self, time: Array) -> Array:
         """Return the cycles of the first harmonic since `zero`."""
         return (time - self.zero) / self.cycle
-
-
-class Integrals(NamedTuple):
-    """What adds up over flights; energies in J."""
-
-    covered: float  # time, s
-    total: float  # of X, m s
-    squares: float  # of X^2, m^2 s
-    force: float  # work of force and base; NaN if their phase is not known, as the next two
-    active: float  # the part of it that is work of the active force
-    dashpot: float
-    friction: float
-    air: float
-    both: float  # kinetic energy that M and m together lost in the events that end flights
-    impact_energy: float  # that M lost in impacts; part of it is given to m
-    impact_loss: float  # that both lost in them
-    # Of a moving base, as of `Moments`; 0 of one at rest
-    base: float = 0.0
-    base_squares: float = 0.0
-    base_product: float = 0.0
-    acceleration: float = 0.0
-    base_acceleration: float = 0.0
-
-    @property
-    def x_rms(self) -> float:
-        """Root mean square of X, m; NaN if it is not known between the rows."""
-        return math.sqrt(self.squares / self.covered) if self.covered else math.nan
-
-    @property
-    def transmissibility(self) -> Transmissibility:
-        """How much M took up of the motion of its base, over whole periods."""
-        return Transmissibility.of_moments(
-            Moments(self.covered, self.total, self.squares, *self[-5:])
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,22 +389,37 @@ class Flights:
         columns = (inside.together, inside.stop, inside.first, angle, inside.active)
         return Flights(self.rig, rows, self.drive, *columns)
 
-    def _pieces(self) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
-        """
-        Cut flights into pieces.
+    def _columns(self) -> Array:
+        """Return what `integrate_flights` is given of each flight."""
+        rows, laws = self.rows[:-1], self.laws
+        share = np.where(laws.moves, 1.0, 1.0 - self.machine.constants.share)
+        share /= self.rig.primary_mass
+        assert self.drive is not None
+        columns = np.empty((len(self), FLIGHT_COLUMNS))
+        columns[:, FLIGHT_DECAY] = laws.decay
+        columns[:, FLIGHT_SQUARE] = laws.stiffness
+        columns[:, FLIGHT_PUSH] = laws.push + share * self.active[:-1]
+        columns[:, FLIGHT_SHARE] = share
+        columns[:, FLIGHT_ACTIVE] = self.active[:-1]
+        columns[:, FLIGHT_BEGIN] = rows['time'] - self.drive.time
+        columns[:, FLIGHT_SPAN] = self.spans
+        columns[:, FLIGHT_X] = rows['x']
+        columns[:, FLIGHT_SPEED] = rows['primary_velocity_after']
+        columns[:, FLIGHT_LINE : FLIGHT_LINE + 2] = self.first[:-1, :2]
+        columns[:, FLIGHT_LINE + 2] = np.remainder(self.angle[:-1], math.tau) + self.first[:-1, 2]
+        return columns
 
-        Yields, for some of them at a time, which flight, from when, and how long, s.
-        """
-        rates = [self.rig.omega, *self.rig.harmonics[1]]
-        fastest = max(rates + ([self.rig.sweep_high] if self.rig.sweep_mode != 'off' else []))
-        used = np.flatnonzero(self.spans > 0.0)
-        count = np.ceil(self.spans[used] * (fastest / _PIECE)).astype(np.int64)
-        ends = np.cumsum(count)
-        for first in range(0, int(ends[-1]) if len(ends) else 0, _MOST_PIECES):
-            number = np.arange(first, min(first + _MOST_PIECES, ends[-1]))
-            place = np.searchsorted(ends, number, side='right')
-            step = self.spans[used[place]] / count[place]
-            yield used[place], (number - ends[place] + count[place]) * step, step
+    def _lines(self) -> Array:
+        """Return what `integrate_flights` is given of the harmonics."""
+        assert self.drive is not None
+        sizes, _, phases = self._harmonics
+        base = np.zeros(len(sizes), complex)
+        rates = np.array(self.drive.frequencies)
+        shaken = self.rig.base_rows
+        # The force is K b + C b'
+        base[shaken] = 1.0 / (self.rig.stiffness + 1j * self.rig.damping * rates[shaken])
+        turned = np.add(phases, self.drive.angles)
+        return np.column_stack([sizes, rates, turned, base.real, base.imag])
 
     def measured(self) -> tuple[Integrals, float]:
         """
@@ -433,35 +433,18 @@ class Flights:
             The largest |X|, m; NaN without any row.
         """
         rows, rig = self.rows, self.rig
-        largest = float(np.abs(rows['x']).max(initial=0.0)) if len(rows) else math.nan
-        covered = total = squares = 0.0
-        force = active = dashpot = math.nan
-        shaken, based = rig.base_motion.moves, np.zeros(5)
+        shaken = rig.base_motion.moves
+        sums = np.zeros(SUM_LARGEST + 1)
+        sums[SUM_LARGEST] = np.abs(rows['x']).max(initial=0.0) if len(rows) else math.nan
         if self.drive is not None:
-            force = active = dashpot = 0.0
-        for index, begin, step in self._pieces() if self.drive is not None else ():
-            covered += float(step.sum())
-            points = begin[:, None] + step[:, None] * _PLACES
-            flat = np.repeat(index, len(_PLACES))
-            x, velocity, acceleration, push = self.motion(flat, points.ravel())
-            weights = (step[:, None] * _WEIGHTS).ravel()
-            # Sums and not products of vectors, whose bits depend on the number of threads
-            total += float(np.sum(weights * x))
-            squares += float(np.sum(weights * x * x))
-            force += float(np.sum(weights * push * velocity))
-            if self.active.any():
-                active += float(np.sum(weights * self.active[flat] * velocity))
-            slip = velocity
-            if shaken:
-                base, speed, rate = self.base(flat, points.ravel())
-                slip = velocity - speed
-                # What the base does beside the force that stands for it: it drags the dashpot
-                extra = slip * slip - velocity * velocity
-                force += rig.damping * float(np.sum(weights * extra))
-                terms = base, base * base, x * base, acceleration * acceleration, rate * rate
-                based += [np.sum(weights * term) for term in terms]
-            dashpot += rig.damping * float(np.sum(weights * slip * slip))
-            largest = max(largest, self._turning(flat, points.ravel(), x, largest))
+            rates = [rig.omega, *rig.harmonics[1]]
+            fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
+            series = np.zeros((2, TERMS))
+            arrays = self._columns(), self._lines(), GAUSS_POINTS
+            call_kernel(integrate_flights, *arrays, fastest, rig.damping, shaken, series, sums)
+        else:
+            sums[SUM_FORCE:SUM_BASE] = math.nan
+        covered, total, squares, force, active, dashpot, *based, largest = sums.tolist()
         if shaken and self.drive is not None and len(self):
             force += float(np.diff(self._stretched())[0])
         rise = np.diff(rows['y'])
@@ -484,26 +467,9 @@ class Flights:
             float(both.sum()),
             float(primary[impact].sum()),
             float(both[impact].sum()),
-            *based.tolist(),
+            *based,
         )
         return integrals, largest
-
-    def _turning(self, index: NDArray[np.intp], tau: Array, x: Array, largest: float) -> float:
-        """Return the largest |X| at turning points, sought from points of the flights."""
-        size = np.abs(x)
-        largest = max(largest, float(size.max(initial=0.0)))
-        # The best point of each half of a piece, in which there is one turning point at most
-        half = len(_PLACES) // 2
-        best = size.reshape(-1, half).argmax(axis=1)
-        best += np.arange(len(best)) * half
-        best = best[size[best] >= _NEARLY * largest]
-        index, tau = index[best], tau[best]
-        for _ in range(_STEPS):
-            x, velocity, acceleration, _ = self.motion(index, tau)
-            largest = max(largest, float(np.abs(x).max(initial=0.0)))
-            step = velocity / np.where(acceleration != 0.0, acceleration, np.inf)
-            tau = np.clip(tau - step, 0.0, self.spans[index])
-        return largest
 
     def _stretched(self) -> Array:
         """Return the energy of the spring at both ends, beyond that without the base, J."""

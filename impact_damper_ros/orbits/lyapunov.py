@@ -16,17 +16,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from math import cos, expm1, inf, log, sin, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.motion.compiled import call_kernel, kernel
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.motion.state import STICK
 
 from .flight_arrays import Flights
-from .multipliers import FlightLaws, Y, event_matrices, jumps, velocities_of
-from .response import free_response
+from .multipliers import FlightLaws, U, V, X, Y, event_matrices, jumps, velocities_of
 
 Array = NDArray[np.float64]
 
@@ -36,39 +38,133 @@ BATCHES = 20
 _STUDENT = 2.093
 
 
+@kernel
+def carry_by_flight(law: Any, span: float, columns: Any) -> None:
+    """Carry deviations, a column each, through a flight; its law is a row of `Deviations`."""
+    decay, damped, stiffness, moves, holds = law
+    less = expm1(-decay * span)
+    half = 0.5 * damped * span
+    envelope = 1.0 + less
+    sine = sin(half)
+    impulse = 2.0 * envelope * sine * cos(half) / damped
+    fall = 2.0 * envelope * sine * sine
+    slope = envelope - fall - decay * impulse
+    less += decay * impulse - fall
+    for c in range(columns.shape[1]):
+        x = columns[X, c]
+        v = columns[V, c]
+        columns[X, c] = x + (less * x + impulse * v)
+        columns[V, c] = slope * v - stiffness * impulse * x
+        if moves != 0.0:
+            rise = (span - impulse) * v - less * x
+            columns[Y, c] += span * columns[U, c] + rise
+            columns[U, c] += stiffness * impulse * x + (1.0 - slope) * v
+        else:
+            columns[U, c] = 0.0
+        if holds != 0.0:
+            # A stop leaves m no deviation
+            columns[Y, c] = 0.0
+
+
+@kernel
+def carry_by_event(matrix: Any, columns: Any) -> None:
+    """Multiply deviations by the matrix of an event."""
+    for c in range(columns.shape[1]):
+        x = columns[X, c]
+        v = columns[V, c]
+        y = columns[Y, c]
+        u = columns[U, c]
+        for i in range(4):
+            columns[i, c] = (
+                matrix[i, X] * x + matrix[i, V] * v + matrix[i, Y] * y + matrix[i, U] * u
+            )
+
+
+@kernel
+def scaled_down(columns: Any, rate: float) -> float:
+    """
+    Divide deviations by their size, and return its logarithm; -inf if there is none left.
+
+    It is that of (X, X', Z, Z'); `rate` (rad/s) makes displacements comparable with velocities.
+    """
+    size = 0.0
+    for c in range(columns.shape[1]):
+        x = columns[X, c]
+        v = columns[V, c]
+        z = x + columns[Y, c]
+        w = v + columns[U, c]
+        size += rate * rate * (x * x + z * z) + (v * v + w * w)
+    if size == 0.0:
+        return -inf
+    size = sqrt(size)
+    for i in range(4):
+        for c in range(columns.shape[1]):
+            columns[i, c] /= size
+    return log(size)
+
+
+@kernel
+def carry_deviations(
+    laws: Any,
+    instants: Any,
+    events: Any,
+    start: float,
+    ends: Any,
+    anew: bool,
+    rate: float,
+    columns: Any,
+    growth: Any,
+    products: Any,
+) -> int:
+    """
+    Carry deviations through parts of a stretch, given their ends; write each, and its growth.
+
+    They are scaled to the size 1 (`scaled_down`), and `growth` is the logarithm of what they would
+    be. They begin each part `anew` as unit vectors, or go on from the one before.
+    """
+    now = start
+    k = 0
+    for part in range(len(ends)):
+        growth[part] = 0.0
+        if anew:
+            for i in range(4):
+                for c in range(4):
+                    columns[i, c] = 1.0 if i == c else 0.0
+        while k < len(instants) and instants[k] <= ends[part]:
+            carry_by_flight(laws[k], instants[k] - now, columns)
+            carry_by_event(events[k], columns)
+            growth[part] += scaled_down(columns, rate)
+            now = instants[k]
+            k += 1
+        carry_by_flight(laws[k], ends[part] - now, columns)
+        growth[part] += scaled_down(columns, rate)
+        now = ends[part]
+        for i in range(4):
+            for c in range(columns.shape[1]):
+                products[part, i, c] = columns[i, c]
+    return k
+
+
 @dataclass(frozen=True)
 class Deviations:
-    """The matrices that propagate deviations of (X, X', Y, Y') through a part of a run."""
+    """What carries deviations of (X, X', Y, Y') through a part of a run."""
 
     start: float  # s
     end: float
     instants: Array  # of the events in it, s, shape (n,)
     events: Array  # their saltation matrices, shape (n, 4, 4)
-    #: Of the flights before each event, and after the last, shape (n + 1,).
-    modes: NDArray[np.int64]
-    laws: FlightLaws
+    #: Of the flights before each event, and after the last: decay, frequency and stiffness of M,
+    #: whether m moves by itself, and whether a stop holds it; shape (n + 1, 5).
+    laws: Array
 
-    def steps(self, ends: Array) -> tuple[Array, NDArray[np.int64]]:
-        """
-        Cut the stretch at instants that rise to its end.
-
-        Returns a matrix for each flight with the event after it, if there is one, and the part
-        that each belongs to.
-        """
-        order = np.searchsorted(self.instants, ends, side='right')
-        nodes = np.insert(self.instants, order, ends)
-        # Events at the end of a part come before it, as in `searchsorted`
-        cut = np.zeros(len(nodes), dtype=bool)
-        cut[order + np.arange(len(ends))] = True
-        before = np.concatenate([[self.start], nodes[:-1]])
-        flight = np.cumsum(~cut) - ~cut
-        spans = nodes - before
-        laws = FlightLaws(*(column[flight] for column in self.laws))
-        matrices = laws.matrices(spans, free_response(laws.decay, laws.damped, spans))
-        # A stop leaves m no deviation
-        matrices[self.modes[flight] > STICK, Y, Y] = 0.0
-        matrices[~cut] = self.events @ matrices[~cut]
-        return matrices, np.cumsum(cut) - cut
+    def carried(
+        self, ends: Array, columns: Array, rate: float, *, anew: bool = False
+    ) -> tuple[Array, Array]:
+        """Return deviations at the ends of parts, scaled to 1, and the logarithms of growths."""
+        growth, products = np.zeros(len(ends)), np.zeros((len(ends), *columns.shape))
+        arguments = self.start, ends, anew, rate, columns.copy(), growth, products
+        call_kernel(carry_deviations, self.laws, self.instants, self.events, *arguments)
+        return products, growth
 
 
 @dataclass(frozen=True)
@@ -125,36 +221,14 @@ def deviations(flights: Flights, start: float, end: float) -> Deviations:
         end=end,
         instants=time[inside],
         events=matrices[inside],
-        modes=modes[part],
-        laws=FlightLaws(*(column[part] for column in laws)),
+        laws=np.column_stack([*laws[:3], laws.moves, modes > STICK])[part],
     )
-
-
-def _products(along: Deviations, ends: Array) -> tuple[Array, Array]:
-    """
-    Return the product of the matrices over each part of a stretch, and the logarithm of its size.
-
-    Neighbours are multiplied in all parts at once, and again, until each has one matrix left.
-    """
-    matrices, parts = along.steps(ends)
-    counts = np.bincount(parts, minlength=len(ends))
-    rows = 1 << int(counts.max() - 1).bit_length()
-    product = np.tile(np.eye(4), (len(ends), rows, 1, 1))
-    product[parts, np.arange(len(parts)) - (np.cumsum(counts) - counts)[parts]] = matrices
-    logarithms = np.zeros(len(ends))
-    while product.shape[1] > 1:
-        product = product[:, 1::2] @ product[:, ::2]
-        size = np.abs(product).max(axis=(2, 3))
-        size[size == 0.0] = 1.0
-        product /= size[..., None, None]
-        logarithms += np.log(size).sum(axis=1)
-    return product[:, 0], logarithms
 
 
 def monodromy_of(along: Deviations, ends: Array) -> Array:
     """Return the product of the matrices over each part of a stretch, given the parts' ends, s."""
-    products, logarithms = _products(along, ends)
-    return products * np.exp(logarithms)[:, None, None]
+    products, growth = along.carried(ends, np.eye(4), 1.0, anew=True)
+    return products * np.exp(growth)[:, None, None]
 
 
 def growth_exponent(along: Deviations, omega: float) -> Exponent:
@@ -168,20 +242,13 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
     """
     ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
     ends[-1] = along.end
-    products, growth = _products(along, ends)
-    # Of X, X', Z and Z'
-    absolute = np.eye(4) + np.eye(4, k=-2)
-    scale = np.array([omega, 1.0, omega, 1.0])
-    products = scale[:, None] * (absolute @ products @ np.linalg.inv(absolute)) / scale
     # Neither symmetric nor along an axis, so that it has a part in every direction
-    vector = np.array([0.6, 0.3, -0.5, 0.55])
-    for part, product in enumerate(products):
-        vector = product @ vector
-        norm = float(np.linalg.norm(vector))
-        if norm == 0.0:
-            return Exponent(-math.inf, 0.0)
-        growth[part] += math.log(norm)
-        vector /= norm
+    vector = np.array([0.6 / omega, 0.3, -0.5 / omega, 0.55])
+    # Y and Y' are relative to X and X'
+    vector[[Y, U]] -= vector[[X, V]]
+    _, growth = along.carried(ends, vector[:, None], omega)
+    if growth.min() == -math.inf:
+        return Exponent(-math.inf, 0.0)
     rates = growth[1:] / np.diff(ends)
     error = float(rates.std(ddof=1)) / math.sqrt(BATCHES)
     return Exponent(float(rates.mean()), _STUDENT * error)

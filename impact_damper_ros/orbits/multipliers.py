@@ -101,23 +101,6 @@ class FlightLaws(NamedTuple):
         rates[..., U] = self.moves * (self.slide - acceleration)
         return rates
 
-    def matrices(self, spans: Array, response: tuple[Array, Array, Array]) -> Array:
-        """Return the matrices (..., n, 4, 4) that carry deviations through spans, s."""
-        less, impulse, slope = response
-        matrix = np.zeros((*spans.shape, 4, 4))
-        matrix[..., X, X] = 1.0 + less
-        matrix[..., X, V] = impulse
-        matrix[..., V, X] = bend = -self.stiffness * impulse
-        matrix[..., V, V] = slope
-        matrix[..., Y, X] = -self.moves * less
-        matrix[..., Y, V] = self.moves * (spans - impulse)
-        matrix[..., Y, Y] = 1.0
-        matrix[..., Y, U] = self.moves * spans
-        matrix[..., U, X] = -self.moves * bend
-        matrix[..., U, V] = self.moves * (1.0 - slope)
-        matrix[..., U, U] = self.moves
-        return matrix
-
 
 def jumps(share: float, impact: Mask, slopes: Array) -> Array:
     """

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.compiled import (
-    compiled,
+    call_kernel,
     dtype_of,
     has_numba,
     packed,
@@ -200,14 +200,6 @@ def numbers_of(parameters: RigParameters) -> Array:
     return np.array(numbers, np.float64)
 
 
-def call_kernel(function: Any, *arguments: Any) -> Any:
-    """Call a kernel compiled, or as it is where there is no compiler."""
-    if not has_numba():
-        with np.errstate(all='ignore'):
-            return function(*arguments)
-    return compiled(function.__name__, arguments, 'periodic solver')(*arguments)
-
-
 _NO_TRACE: Array = np.zeros((0, 0))
 
 
@@ -286,7 +278,8 @@ class PeriodicProblem:
     ) -> tuple[int, int]:
         """Let the kernels compute, as `arclength.compute`."""
         answer: tuple[int, int] = call_kernel(
-            compute, self.arrays, trace, task, in_order, float(one), float(other)
+            *(compute, self.arrays, trace, task, in_order, float(one), float(other)),
+            what='periodic solver',
         )
         return answer
 

@@ -11,6 +11,7 @@ stops are at their own exact instants.
 from __future__ import annotations
 
 from collections.abc import MutableSequence, Sequence
+from dataclasses import dataclass
 from math import inf
 from typing import Any, NamedTuple
 
@@ -44,6 +45,7 @@ from impact_damper_ros.motion.event import (
     STOP_STARTED,
     STOP_TOUCHED,
     Log,
+    Sample,
     View,
     sample_at,
     view_at,
@@ -469,6 +471,104 @@ def run_to(
     return FULL
 
 
+@dataclass(slots=True)
+class Strobe:
+    """
+    A run whose motion is looked at once in a cycle, until it comes back to where it was.
+
+    Attributes
+    ----------
+    start, cycle : float
+        When it began, and the duration of a cycle, s.
+    rate : float
+        Circular frequency that makes velocities comparable with displacements, rad/s.
+    tolerance : float
+        Distance of two states, over the size of the motion, below which they are the same.
+    most, most_events : int
+        Most cycles, and most events.
+    cycles, next : int
+        Cycles that are done, and those at the next look.
+    happened : int
+        Events before the last look.
+    """
+
+    start: float
+    cycle: float
+    rate: float
+    tolerance: float
+    most: int
+    most_events: int
+    cycles: int = 0
+    next: int = 0
+    happened: int = 0
+
+
+#: Cycles between two looks, and how many states before the last one it is compared with.
+CYCLES_OF_A_LOOK = 50
+_STATES_BEFORE = 16
+#: Columns of samples that hold X, Z, X' and Z'.
+_STATE_COLUMNS = [
+    Sample._fields.index(n) for n in ('x', 'z', 'primary_velocity', 'damper_velocity')
+]
+_COLUMN_X, _COLUMN_Z, _COLUMN_V, _COLUMN_W = _STATE_COLUMNS
+
+
+@kernel
+def next_look(run: Run, schedule: Schedule, strobe: Strobe) -> float:
+    """Ask for the states at the ends of the cycles up to the next look; return when that is."""
+    if strobe.next == strobe.cycles:
+        strobe.next = min(strobe.cycles + CYCLES_OF_A_LOOK, strobe.most)
+        run.sampled = 0
+        for k in range(CYCLES_OF_A_LOOK):
+            schedule.instants[k] = inf
+            if strobe.cycles + k < strobe.next:
+                # One rounding, so that the steps do not drift
+                schedule.instants[k] = strobe.start + (strobe.cycles + k + 1.0) * strobe.cycle
+    look: float = schedule.instants[strobe.next - strobe.cycles - 1]
+    return look
+
+
+@kernel
+def comes_back(samples: Any, strobe: Strobe) -> bool:
+    """Return whether the last state of a look is close to one of those before it."""
+    count = strobe.next - strobe.cycles
+    if count < 2:
+        return False
+    last = count - 1
+    x = samples[last, _COLUMN_X]
+    y = samples[last, _COLUMN_Z] - x
+    v = samples[last, _COLUMN_V]
+    u = samples[last, _COLUMN_W] - v
+    largest = 0.0
+    low = inf
+    high = -inf
+    nearest = inf
+    for k in range(count):
+        place = samples[k, _COLUMN_X]
+        way = samples[k, _COLUMN_Z] - place
+        largest = max(largest, abs(place))
+        low = min(low, way)
+        high = max(high, way)
+        if last - _STATES_BEFORE <= k < last:
+            speed = samples[k, _COLUMN_V]
+            relative = samples[k, _COLUMN_W] - speed
+            apart = max(abs(place - x), abs(way - y))
+            apart = max(apart, max(abs(speed - v), abs(relative - u)) / strobe.rate)
+            nearest = min(nearest, apart)
+    return nearest <= strobe.tolerance * (largest + (high - low))
+
+
+@kernel
+def goes_on(run: Run, schedule: Schedule, strobe: Strobe) -> bool:
+    """Take a look at the motion, and return whether the run goes on."""
+    back = comes_back(schedule.samples, strobe)
+    strobe.cycles = strobe.next
+    if back or strobe.cycles == strobe.most:
+        return False
+    strobe.happened = strobe.most_events - run.most + run.happened
+    return True
+
+
 @kernel
 def run_each(
     waves: Any,
@@ -483,13 +583,15 @@ def run_each(
     samples: Any,
     records: Any,
     anew: bool,
+    strobes: Any,
 ) -> int:
     """
     Let each of some rigs run as `run_to` does; why it stopped is in `outcomes`.
 
-    From its start, if `anew`: its events are not kept then, and `log` is where its control finds
-    what the stops do. Rigs with one harmonic have a row of waves each, not an array: their code
-    has no loop over harmonics, as their number is known.
+    From its start, if `anew`, or until its motion comes back, if there are strobes: its events are
+    not kept then, and `log` is where its control finds what the stops do. Rigs with one harmonic
+    have a row of waves each, not an array: their code has no loop over harmonics, as their number
+    is known.
     """
     constants, lines, runs = rigs
     for k in range(len(waves)):
@@ -522,8 +624,14 @@ def run_each(
         status = FULL
         while status == FULL:
             run.written = 0
-            status = run_to(moving, in_mode[k], control, acts, schedule, end)
-            if not anew:
+            until = end
+            if len(strobes) > 0:
+                until = next_look(run, schedule, strobes[k])
+            status = run_to(moving, in_mode[k], control, acts, schedule, until)
+            if len(strobes) > 0:
+                if status == DONE and goes_on(run, schedule, strobes[k]):
+                    status = FULL
+            elif not anew:
                 break
         if anew:
             count_modes(run, in_mode[k])
@@ -538,6 +646,7 @@ NO_TIMES: list[float] = [inf, inf]
 NO_RECORDS: Records = (np.array(NO_TIMES), np.empty(0), np.array(NO_TIMES), np.empty(0))
 #: A table of acts that has no room.
 NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
+NO_STROBES: Any = np.empty(0, dtype_of(Strobe))
 
 
 def run_compiled(
@@ -554,12 +663,13 @@ def run_compiled(
     acts: Any = NO_ACTS,
     records: Records = NO_RECORDS,
     anew: bool = False,
+    strobes: Any = NO_STROBES,
 ) -> None:
     """Run arrays of rigs as `run_each` does, compiled."""
     alone = waves.shape[1] == 1 and controls is None
     arguments = (
         *(waves[:, 0] if alone else waves, controls, None if controls is None else acts, rigs),
-        *(log, in_mode, end, outcomes, instants, samples, records, anew),
+        *(log, in_mode, end, outcomes, instants, samples, records, anew, strobes),
     )
     form = 'control' if controls is not None else 'one harmonic' if alone else 'harmonics'
     try:

@@ -37,10 +37,12 @@ from impact_damper_ros.motion.moving_stops import move_stops, place_stops_at_gap
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
     COMMANDS_FULL,
+    DONE,
     FULL,
     LAW_FAILED,
     PAUSED,
     RUNAWAY,
+    SPENT,
     STEP_DUE,
     count_modes,
 )
@@ -53,7 +55,20 @@ from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigPa
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, sweep_of
 
-from .loop import NO_ACTS, Schedule, next_step, quiet_until, run_compiled, run_to, write_act
+from .loop import (
+    CYCLES_OF_A_LOOK,
+    NO_ACTS,
+    NO_STROBES,
+    Schedule,
+    Strobe,
+    goes_on,
+    next_look,
+    next_step,
+    quiet_until,
+    run_compiled,
+    run_to,
+    write_act,
+)
 from .order import Order
 from .rig_state import RigState
 from .run_arguments import MOST, check_target, later_time, most_of, times_between
@@ -196,6 +211,7 @@ class Rig(RigState):
         when: npt.NDArray[np.float64] = _NO_INSTANTS,
         samples: Any = (),
         in_mode: Any = None,
+        strobe: Strobe | None = None,
     ) -> tuple[int, int]:
         """
         Let the loop run to a time, plain or compiled; return why it stopped, and how many events.
@@ -217,7 +233,7 @@ class Rig(RigState):
                 run.steps = ALL_STEPS if interrupted is None else stretch
                 run.sweep_due = self._sweep.due
                 if self.compiled:
-                    status = self._run_compiled(in_mode, schedule, time, tables)
+                    status = self._run_compiled(in_mode, schedule, time, tables, strobe)
                 else:
                     rows, acts = self._scratch
                     control = self._control if self.acts else None
@@ -338,8 +354,76 @@ class Rig(RigState):
             in_mode,
         )
 
+    def run_until_return(
+        self,
+        cycle: float,
+        rate: float,
+        cycles: int,
+        tolerance: float,
+        *,
+        most_events: int,
+        interrupted: Callable[[], bool] = lambda: False,
+    ) -> tuple[int, int]:
+        """
+        Let the rig run until its state is that of some cycles before, at the ends of cycles.
+
+        Parameters
+        ----------
+        cycle, rate : float
+            Duration of a cycle, s, and the circular frequency that makes velocities comparable
+            with displacements, rad/s.
+        cycles : int
+            Most cycles.
+        tolerance : float
+            Distance of two states, over the size of the motion, below which they are the same.
+        most_events : int
+            Most events of the run.
+        interrupted : callable, optional
+            Called now and then; once it returns true, the run ends.
+
+        Returns
+        -------
+        cycles, events : int
+            Cycles and events of the run.
+
+        Raises
+        ------
+        RunawayError
+            If the rig has more events than it may have.
+        """
+        start, happened = self.time, 0
+        strobe = Strobe(start, cycle, rate, tolerance, cycles, most_events)
+        looks = self._schedule._replace(
+            instants=np.empty(CYCLES_OF_A_LOOK),
+            samples=np.empty((CYCLES_OF_A_LOOK, len(Sample._fields))),
+        )
+        while True:
+            # Compiled code takes the looks itself
+            end = start + cycles * cycle if self.compiled else next_look(self._run, looks, strobe)
+            status, count = self._run_to(
+                *(end, RunTables(keep=False, since=start, end=end)),
+                most=most_events - happened,
+                interrupted=interrupted,
+                when=looks.instants,
+                samples=looks.samples,
+                strobe=strobe,
+            )
+            happened += count
+            if self.compiled or status != DONE or not goes_on(self._run, looks, strobe):
+                break
+        if status in (SPENT, RUNAWAY):
+            since = start + strobe.cycles * cycle
+            reason = self._reason(Outcome(status), happened - strobe.happened, since)
+            raise RunawayError(reason)
+        return strobe.cycles, happened
+
     def _run_compiled(
-        self, in_mode: Any, schedule: Schedule, time: float, tables: RunTables
+        self,
+        in_mode: Any,
+        schedule: Schedule,
+        time: float,
+        tables: RunTables,
+        strobe: Strobe | None,
     ) -> int:
         """Run the loop compiled; the rig changes at the end only."""
         run, control, controlled = self._run, self._control, self.acts
@@ -357,6 +441,7 @@ class Rig(RigState):
         self._open_tables(len(rows), len(acts))
         state, waves = packed_rows([run], Run), packed_rows(self._waves, Wave)
         acting = packed_control(control) if controlled else None
+        strobes = NO_STROBES if strobe is None else packed_rows([strobe], Strobe)
         outcomes = np.zeros(1, np.int64)
         run_compiled(
             (*self._packed, state),
@@ -370,8 +455,11 @@ class Rig(RigState):
             np.reshape(schedule.samples, (1, -1, len(Sample._fields))),
             acts=acts,
             records=self._packed_records,
+            strobes=strobes,
         )
         unpack(state[0], run)
+        if strobe is not None:
+            unpack(strobes[0], strobe)
         self._waves = [Wave(*row) for row in waves.tolist()]
         if acting is not None:
             self._control = control.unpacked(acting)

@@ -15,6 +15,7 @@ import logging
 import os
 import queue
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
@@ -23,24 +24,25 @@ from concurrent.futures import (
     Executor,
     Future,
     ProcessPoolExecutor,
+    ThreadPoolExecutor,
 )
 from contextlib import contextmanager
-from importlib.util import find_spec
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait as wait_for
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import impact_damper_ros
 from impact_damper_ros.control.own_law import LawError, OwnLaw
+from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_number
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import Snapshot
-from impact_damper_ros.theory.background import end_with_parent
 
 from .grid import Grid, RigSetup, Varied
 from .part_file import PartFile, State, other_inputs, part_path
-from .steady_state import Row, Settling, steady_state
+from .steady_state import Row, steady_state
 from .table import (
     MetadataError,
     check_format,
@@ -87,8 +89,15 @@ def _law_of(setup: RigSetup) -> OwnLaw | None:
     return law
 
 
+def _never() -> bool:
+    return False
+
+
 def rig_row(
-    setup: RigSetup, settings: Mapping[Varied, float], state: State | None = None
+    setup: RigSetup,
+    settings: Mapping[Varied, float],
+    state: State | None = None,
+    halted: Callable[[], bool] = _never,
 ) -> tuple[Row, State | None]:
     """
     Run one rig of a sweep; return its columns and last state.
@@ -103,7 +112,7 @@ def rig_row(
             rig = _continued(setup, state, law)
         else:
             rig = Rig(parameters, initial, control=control, law=law, compiled=None)
-        row = steady_state(rig, settling)
+        row = steady_state(rig, settling, halted)
     except (ParameterError, RunawayError, LawError, OverflowError) as error:
         return failed_row(str(error)), None
     last = rig.snapshot()
@@ -129,10 +138,13 @@ class Task(NamedTuple):
 
 #: Time after which a worker begins no further rig of a task, s.
 _SECONDS = 0.5
+#: Rows of some rigs, and the state to follow.
+Rows = tuple[list[tuple[int, Row]], State | None]
+RunTask = Callable[[Task], Rows]
 
 
-def run_task(task: Task) -> tuple[list[tuple[int, Row]], State | None]:
-    """Run rigs until all are done or the time is up; return rows, and the state to follow."""
+def run_task(task: Task, halted: Callable[[], bool] = _never) -> Rows:
+    """Run rigs until all are done, the time is up, or they are halted."""
     if task.version != impact_damper_ros.__version__:
         raise WorkersError(
             f'a worker has version {impact_damper_ros.__version__} of impact_damper_ros, the '
@@ -141,7 +153,9 @@ def run_task(task: Task) -> tuple[list[tuple[int, Row]], State | None]:
     until = time.monotonic() + _SECONDS
     state, rows = task.state, []
     for point, settings in task.rigs:
-        row, last = rig_row(task.setup, settings, state)
+        row, last = rig_row(task.setup, settings, state, halted)
+        if halted():
+            break
         rows.append((point, row))
         if task.follow and last is not None:
             state = last
@@ -150,7 +164,7 @@ def run_task(task: Task) -> tuple[list[tuple[int, Row]], State | None]:
     return rows, state
 
 
-#: Most processes of a pool.
+#: Most threads or processes.
 MOST_JOBS = 1024
 
 
@@ -158,31 +172,41 @@ def _begin_worker() -> None:
     """Leave Ctrl-C and what is logged to the parent process, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger(impact_damper_ros.__name__).setLevel(logging.ERROR)
-    end_with_parent()
+    parent = parent_process()
+    assert parent is not None
+
+    def end_with_it() -> None:
+        wait_for([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=end_with_it, daemon=True).start()
 
 
 @contextmanager
-def process_pool(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of processes that end with this one; an exception ends their work at once."""
-    pool = ProcessPoolExecutor(jobs, get_context('spawn'), initializer=_begin_worker)
-    try:
-        yield pool
-    except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def without_interrupts() -> Iterator[None]:
-    """Hold back Ctrl-C: a process that starts now must not receive it before it ignores it."""
+def _workers(setup: RigSetup, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
+    """Yield an executor of this machine, whose work an exception ends, and what runs a task."""
+    if has_numba() and (not setup.law or OwnLaw.from_text(setup.law).compiles):
+        halted = threading.Event()
+        with ThreadPoolExecutor(jobs) as threads:
+            try:
+                yield threads, lambda task: run_task(task, halted.is_set)
+            finally:
+                halted.set()
+        return
+    why = f'the law {setup.law} is plain Python' if has_numba() else 'there is no numba'
+    _log.warning('%s, which takes one processor: the rigs run in %d processes', why, jobs)
+    # A process that starts now must not receive Ctrl-C before it ignores it
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    with ProcessPoolExecutor(jobs, get_context('spawn'), initializer=_begin_worker) as processes:
+        try:
+            for _ in range(jobs):
+                processes.submit(abs, 0)
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+            yield processes, run_task
+        except BaseException:
+            for process in list((processes._processes or {}).values()):
+                process.terminate()
+            raise
 
 
 #: Most rigs of a task, fewest tasks of independent rigs, and most tasks under way.
@@ -208,10 +232,10 @@ def _run(
     part: PartFile,
     executor: Executor | None,
     progress: Callable[[int], object],
-    pays: Callable[[], bool] = lambda: False,
+    run: RunTask | None = None,
 ) -> None:
-    """Run all rigs that are not done; without an executor here, until another way `pays`."""
-    tasks = _tasks(grid, part)
+    """Run all rigs that are not done, without an executor here."""
+    run, tasks = run or run_task, _tasks(grid, part)
     under_way: dict[Future[Any], Task] = {}
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
     most = 1 if executor is None else _UNDER_WAY
@@ -221,15 +245,14 @@ def _run(
         some = task._replace(rigs=task.rigs[:_PACK])
         if executor is None:
             future: Future[Any] = Future()
-            future.set_result(run_task(some))
+            future.set_result(run(some))
         else:
-            with without_interrupts():
-                future = executor.submit(run_task, some)
+            future = executor.submit(run, some)
         under_way[future] = task
         future.add_done_callback(finished.put)
 
     try:
-        while not pays():
+        while True:
             while len(under_way) < most and (next_one := next(tasks, None)) is not None:
                 hand_out(next_one)
             if not under_way:
@@ -247,70 +270,15 @@ def _run(
                 hand_out(task._replace(rigs=left, state=state))
     except CancelledError as error:
         raise WorkersError('the work was cancelled: has the scheduler ended?') from error
-    except BrokenExecutor:
+    except BrokenExecutor as error:
         # It ends its calls itself, in another thread, which stumbles over a cancelled one
         under_way.clear()
-        raise
+        raise WorkersError(
+            f'a process died ({error}): is there enough memory? Give fewer --jobs'
+        ) from error
     finally:
         for future in under_way:
             future.cancel()
-
-
-#: Time after which the rest of a sweep is estimated, and from which on processes are started for
-#: it, s: each has the package to load, in 1 s or 2 of processor time.
-_TRIED, _WORTH = 3.0, 15.0
-
-
-def _compile(grid: Grid) -> None:
-    """Compile here, and report, what processes then need not, and what is no time of a rig."""
-    if find_spec('numba') is not None:
-        brief = grid.setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
-        rig_row(brief, grid.settings(grid.values(0)))
-
-
-def _run_where_it_pays(grid: Grid, part: PartFile, progress: Callable[[int], object]) -> None:
-    """Run all rigs here, or the rest of them in processes if that takes long."""
-    _compile(grid)
-    began, before = time.monotonic(), len(part.rows)
-    cores = len(os.sched_getaffinity(0))
-
-    def jobs() -> int:
-        """Return how many processes have something to do."""
-        if grid.follow == 'none':
-            return cores
-        return min(cores, sum(bool(part.left_of(chain)[0]) for chain in grid.chains()))
-
-    def pays() -> bool:
-        spent, done = time.monotonic() - began, len(part.rows) - before
-        left = grid.size - len(part.rows)
-        return spent > _TRIED and done > 0 and spent / done * left > _WORTH and jobs() > 1
-
-    _run(grid, part, None, progress, pays)
-    if len(part.rows) < grid.size:
-        _run_in_processes(grid, part, jobs(), progress)
-
-
-def _run_in_processes(
-    grid: Grid, part: PartFile, jobs: int, progress: Callable[[int], object]
-) -> None:
-    """Run all rigs in processes of this machine; if one dies, all are replaced."""
-    _compile(grid)
-    while True:
-        before = len(part.rows)
-        try:
-            with process_pool(jobs) as pool:
-                return _run(grid, part, pool, progress)
-        except BrokenExecutor as error:
-            if len(part.rows) == before:
-                raise WorkersError(
-                    f'a process died before a rig was done ({error}): is there enough memory? '
-                    'Give fewer --jobs'
-                ) from error
-            _log.warning(
-                'a process died; its rigs are run again, %d of %d are done',
-                len(part.rows),
-                grid.size,
-            )
 
 
 def _existing(grid: Grid, path: Path) -> pd.DataFrame:
@@ -346,8 +314,8 @@ def sweep(
         What runs the rigs: any executor whose workers can import this package, such as that of a
         Dask client (``client.get_executor()``). It is not shut down.
     jobs : int, optional
-        Number of processes of this machine, without `executor`; 1 is this process, and None as
-        many as the machine has cores, for the rest of a sweep that takes long.
+        Number of threads, without `executor`; as many as there are cores, if None. A law that is
+        plain Python runs in as many processes.
     overwrite : bool, optional
         Whether to run all rigs anew and to replace the file, whatever it is, and what is left of
         another sweep. An interrupted one is resumed.
@@ -366,7 +334,7 @@ def sweep(
         If the file exists and is not the table of this sweep, or rigs of another sweep are beside
         it.
     WorkersError
-        If processes die before a rig is done, or workers have another version of the package.
+        If a process dies, or workers have another version of the package.
     OSError
         If a file cannot be written.
     ImportError
@@ -388,8 +356,8 @@ def sweep(
     ['1,2', '1,2', '1,2']
     """
     path = None if output is None else Path(output)
-    if jobs is not None:
-        jobs = whole_number('jobs', jobs, 1, MOST_JOBS)
+    cores = len(os.sched_getaffinity(0))
+    jobs = cores if jobs is None else whole_number('jobs', jobs, 1, MOST_JOBS)
     check_format(path)
     if path is not None and not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
@@ -409,10 +377,9 @@ def sweep(
     with PartFile(place, grid.inputs(), anew=overwrite) as part:
         if executor is not None or jobs == 1:
             _run(grid, part, executor, progress)
-        elif jobs is None:
-            _run_where_it_pays(grid, part, progress)
         else:
-            _run_in_processes(grid, part, jobs, progress)
+            with _workers(grid.setup, jobs) as (workers, run):
+                _run(grid, part, workers, progress, run)
         table = table_of(grid, (part.rows[k] for k in range(grid.size)))
         if path is not None:
             write_table(table, path)

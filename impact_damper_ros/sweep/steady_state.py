@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,6 @@ from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import CHATTER_1, Mode
 from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
-from impact_damper_ros.orbits.recurrence import nearest_return
 from impact_damper_ros.orbits.settled_motion import (
     SettledMotion,
     cycle_of,
@@ -28,6 +28,7 @@ from impact_damper_ros.parameters.parameter_spec import (
     whole_number,
 )
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+from impact_damper_ros.rig.loop import CYCLES_OF_A_LOOK
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, RunResult
 from impact_damper_ros.rig.runaway import RunawayError
@@ -82,30 +83,28 @@ def _chatter_time(events: Events, start: float, end: float) -> float:
     total = 0.0
     if not (events['kind'] == EventKind.REST).any():
         return total
-    faster: list[float] = []
-    struck, cut = 0, False
     considered = events[~np.isin(events['kind'], _WITHIN_CHATTER)]
-    rows = (considered[name].tolist() for name in ('time', 'kind', 'stop', 'mode'))
-    for time, kind, stop, mode in zip(*rows, strict=True):
-        if kind == EventKind.IMPACT:
-            if stop != struck:
-                faster = []
-            elif len(faster) > 1 and time - faster[-1] >= faster[-1] - faster[-2]:
-                faster = faster[-1:]
-            faster.append(time)
-            struck, cut = stop, mode >= CHATTER_1
-            continue
+    time, stop = considered['time'], considered['stop']
+    impact = considered['kind'] == EventKind.IMPACT
+    for rest in np.flatnonzero(considered['kind'] == EventKind.REST).tolist():
+        # Back to the first of the impacts that follow one another ever faster
+        first = last = rest - 1
+        while (
+            first > 0
+            and impact[first - 1]
+            and stop[first - 1] == stop[last]
+            and (first == last or time[first] - time[first - 1] > time[first + 1] - time[first])
+        ):
+            first -= 1
         # A single impact is none, unless further ones are not resolved
-        if kind == EventKind.REST and faster and (cut or len(faster) > 1):
-            total += max(0.0, min(time, end) - max(faster[0], start))
-        faster = []
+        cut = considered['mode'][last] >= CHATTER_1
+        if last >= 0 and impact[last] and (cut or first < last):
+            total += max(0.0, min(time[rest], end) - max(time[first], start))
     return float(np.clip(total, 0.0, end - start))
 
 
 #: Least frequency of the force, over the natural one.
 _SLOWEST = 1e-4
-#: Cycles between two looks whether the motion repeats.
-_BETWEEN = 50
 #: Distance of states, relative to the motion, that round-off makes.
 _SAME_STATE = 1e-12
 
@@ -197,34 +196,6 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     }
 
 
-def _comes_back(states: Array, omega: float, tolerance: float) -> bool:
-    """
-    Return whether the last state of a motion, shape (n, 4), is close to one before it.
-
-    `states` are X, X', Y and Y' at the ends of cycles; `omega` (rad/s) makes velocities
-    comparable. A motion that does not come back has not settled.
-    """
-    recent = states / np.array([1.0, omega] * 2)
-    size = np.abs(recent[:, 0]).max() + np.ptp(recent[:, 2])
-    return bool(nearest_return(recent) <= max(tolerance, _SAME_STATE) * size)
-
-
-def _pass_transient(rig: Rig, settling: Settling) -> tuple[int, int]:
-    """Run until the motion comes back to a state of cycles before; return cycles and events."""
-    start, cycle = rig.time, cycle_of(rig.parameters)
-    omega = max(math.tau / cycle, rig.parameters.omega)
-    cycles = events = 0
-    while cycles < settling.cycles:
-        count = min(_BETWEEN, settling.cycles - cycles)
-        counts = cycles + np.arange(1.0, count + 1.0)
-        result = _run(rig, start, cycle, counts, settling.events - events)
-        cycles, events = cycles + count, events + result.event_count
-        states = relative_states(result.samples)
-        if count > 1 and _comes_back(states, omega, settling.tolerance):
-            break
-    return cycles, events
-
-
 def check_cycle(parameters: RigParameters, settling: Settling) -> None:
     """Raise `ParameterError` if the cycle of the force is too long to be simulated so often."""
     cycle, most = cycle_of(parameters), settling.cycles + 2 * settling.watch
@@ -243,18 +214,25 @@ def check_cycle(parameters: RigParameters, settling: Settling) -> None:
         )
 
 
-def steady_state(rig: Rig, settling: Settling) -> Row:
+def steady_state(rig: Rig, settling: Settling, halted: Callable[[], bool] = lambda: False) -> Row:
     """
     Run a rig until its motion repeats or the time is up, and return its row of the table.
 
     The rig is at the beginning of a cycle of its force. How it is recognised that the motion
     repeats: `settle`. Raises `RunawayError` if the rig has more events than `settling`
-    allows.
+    allows. Once it is halted, the row means nothing.
     """
     check_cycle(rig.parameters, settling)
     # What is left of a start without force dies out, but never comes back
-    forced = any(rig.parameters.harmonics[0])
-    after, events = _pass_transient(rig, settling) if forced else (0, 0)
+    after = events = 0
+    if any(rig.parameters.harmonics[0]):
+        cycle = cycle_of(rig.parameters)
+        after, events = rig.run_until_return(
+            *(cycle, max(math.tau / cycle, rig.parameters.omega)),
+            *(settling.cycles, max(settling.tolerance, _SAME_STATE)),
+            most_events=settling.events,
+            interrupted=halted,
+        )
     left = settling.cycles - after
     found = settle(
         rig,
@@ -262,7 +240,7 @@ def steady_state(rig: Rig, settling: Settling) -> Row:
         watch=settling.watch,
         tolerance=settling.tolerance,
         events=settling.events - events,
-        between=_BETWEEN if left else settling.watch,
+        between=CYCLES_OF_A_LOOK if left else settling.watch,
     )
     if found.reason:
         raise RunawayError(found.reason)

@@ -23,7 +23,6 @@ from impact_damper_ros.motion.state import (
     SLIDE_UP,
     STICK,
 )
-from impact_damper_ros.orbits import periodic_problem
 from impact_damper_ros.orbits.closed_flights import (
     DERIVATIVE,
     END,
@@ -96,7 +95,8 @@ PATTERNS = {
 @pytest.fixture(autouse=True)
 def plain(monkeypatch):
     """Run the kernels as they are, uncompiled."""
-    monkeypatch.setattr(periodic_problem, 'has_numba', lambda: False)
+    for place in ('orbits.periodic_problem', 'motion.compiled'):
+        monkeypatch.setattr(f'impact_damper_ros.{place}.has_numba', lambda: False)
 
 
 def problem_of(pattern, rig=RIG):

@@ -4,11 +4,10 @@ import json
 import math
 import os
 import random
-import signal
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
-from multiprocessing import active_children
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,7 @@ from impact_damper_ros.sweep import (
     read_table,
     sweep,
 )
-from impact_damper_ros.sweep.execution import process_pool, rig_row
+from impact_damper_ros.sweep.execution import rig_row
 from impact_damper_ros.sweep.part_file import PartFile, part_path
 
 pytest.importorskip('pyarrow')
@@ -97,8 +96,11 @@ def test_table_does_not_depend_on_who_runs_it(grid, tmp_path):
     sweep(grid, tmp_path / 'alone.parquet')
     with Shuffled(3) as shuffled:
         sweep(grid, tmp_path / 'other.parquet', executor=shuffled)
-    alone, other = (tmp_path / f'{name}.parquet' for name in ('alone', 'other'))
-    assert alone.read_bytes() == other.read_bytes()
+    sweep(grid, tmp_path / 'threads.parquet', jobs=2)
+    alone, *others = (
+        (tmp_path / f'{n}.parquet').read_bytes() for n in ('alone', 'other', 'threads')
+    )
+    assert others == [alone, alone]
 
 
 @GRIDS
@@ -223,39 +225,20 @@ def test_pandas_alone_reads_the_table(tmp_path, suffix):
     assert plain.cycles.isna()[1]
 
 
-def kill_a_worker():
-    """Kill one of the processes of a pool."""
-    first = next(one for one in active_children() if one.name.startswith('SpawnProcess'))
-    os.kill(first.pid, signal.SIGKILL)
-
-
-def test_killed_processes_are_replaced(caplog):
-    """A worker is killed as soon as the first rigs are back."""
-    grid = grid_of(settling=Settling(cycles=300, watch=40), gap=np.linspace(2.0, 14.0, 40))
-    alone = sweep(grid)
-    kills = []
-
-    def kill(done):
-        if done and not kills:
-            kills.append(done)
-            kill_a_worker()
-
-    killed = sweep(grid, jobs=2, progress=kill)
-    assert 'a process died; its rigs are run again' in caplog.text
-    pd.testing.assert_frame_equal(killed, alone)
-
-
-def test_processes_that_always_die_end_the_sweep():
+def test_a_process_that_dies_ends_the_sweep(caplog):
     law, settling = control('timed', gap_control_rate=1.0), Settling(cycles=1, watch=21)
     grid = Grid(TRIAL, START, law, 'sweep.deadly_law:law', settling=settling, gap=[20.0, 21.0])
-    with pytest.raises(WorkersError, match=r'a process died before a rig was done .*fewer --jobs'):
+    with pytest.raises(
+        WorkersError, match=r'a process died .*: is there enough memory\? Give few'
+    ):
         sweep(grid, jobs=2)
+    assert 'law is plain Python, which takes one processor: the rigs run in 2' in caplog.text
 
 
 def test_another_version_on_a_worker_ends_the_sweep(monkeypatch):
     monkeypatch.setattr('impact_damper_ros.__version__', '0.0.1')
     with (
-        process_pool(1) as pool,
+        ProcessPoolExecutor(1, get_context('spawn')) as pool,
         pytest.raises(WorkersError, match=r'sweep is of version 0\.0\.1'),
     ):
         sweep(grid_of(gap=[20, 30]), executor=pool)
@@ -263,29 +246,32 @@ def test_another_version_on_a_worker_ends_the_sweep(monkeypatch):
 
 def test_one_start_beyond_a_stop_is_one_row():
     grid = Grid(OFF_RESONANCE, settling=BRIEF, initial_damper_offset=[-20.0, 0.0, 20.0])
-    for jobs in (1, 2):
+    for jobs in (1, 2, None):
         table = sweep(grid, jobs=jobs)
         assert list(table.ok) == [False, True, False]
         assert 'm must start between the stops' in table.reason[0]
 
 
-@pytest.mark.parametrize('worth', [1e9, 0.0])
-def test_the_rest_goes_to_processes_where_that_pays(worth, monkeypatch):
-    """And the table is the same."""
-    started = []
-
-    def pool(jobs):
-        started.append(jobs)
-        return process_pool(jobs)
-
-    monkeypatch.setattr(execution, 'process_pool', pool)
-    monkeypatch.setattr(execution, '_TRIED', 0.0)
-    monkeypatch.setattr(execution, '_WORTH', worth)
-    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
-    for grid, jobs in ((TOGETHER, 2), (FOLLOWED, 2), (grid_of(follow='up', gap=[20, 30]), None)):
-        started.clear()
-        pd.testing.assert_frame_equal(sweep(grid, jobs=None), sweep(grid))
-        assert started == ([jobs] if jobs and not worth else [])
+def test_rigs_with_a_law_in_plain_python_run_in_processes(tmp_path, monkeypatch, capfd):
+    """And the table is the same; what the package logs is left to this process."""
+    monkeypatch.syspath_prepend(tmp_path)
+    law, settling = control('timed', gap_control_rate=1.0), Settling(cycles=2, watch=21)
+    source = (
+        'import logging, os\nfrom pathlib import Path\n'
+        'def law(seen, memory):\n'
+        '    logging.getLogger("impact_damper_ros.rig").warning("this takes long")\n'
+        f'    Path({str(tmp_path)!r}, f"{{os.getpid()}}.ran").touch()\n'
+        '    return 9.0, -9.0\n'
+    )
+    (tmp_path / 'plain_law.py').write_text(source)
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
+    grid = Grid(TRIAL, START, law, 'plain_law:law', settling=settling, gap=[20.0, 21.0, 22.0])
+    table = sweep(grid, jobs=2)
+    ran = {one.name for one in tmp_path.glob('*.ran')}
+    assert ran
+    assert f'{os.getpid()}.ran' not in ran
+    assert 'this takes long' not in capfd.readouterr().err
+    pd.testing.assert_frame_equal(table, sweep(grid, jobs=1))
 
 
 def test_a_file_is_replaced_by_rigs_that_are_run_anew(tmp_path):

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""
+Integrals over flights, and their largest |X|: kernels.
+
+Each flight is cut into pieces. In a piece X is the Taylor series of the equation of motion about
+the beginning of the piece: its terms follow one from the other, and nothing cancels at resonance.
+Integrals are those of Gauss, exact to round-off; the largest |X| is at a turning point.
+"""
+
+from __future__ import annotations
+
+from math import ceil, cos, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from impact_damper_ros.motion.compiled import kernel
+
+from .response import Array
+from .transmissibility import Moments, Transmissibility
+
+#: Terms of a series, and the longest piece as an angle of the fastest oscillation, rad: what is
+#: left out of the series and of the integral of a square is below round-off.
+TERMS, _PIECE_ANGLE = 24, 1.2
+_NODES, _GAUSS = np.polynomial.legendre.leggauss(8)
+#: Places of the Gauss points in a piece, and their weights.
+GAUSS_POINTS: Array = np.array([0.5 * (_NODES + 1.0), 0.5 * _GAUSS])
+#: A turning point is sought from points of this share of the largest |X|, in so many steps.
+_NEAR_LARGEST, _NEWTON_STEPS = 0.98, 6
+
+#: Columns of flights: constants a and w^2, constant acceleration, the share of the force over the
+#: mass that moves (1/kg), the active force (N), when it begins, how long it takes (s), X and X'
+#: then; and amplitude (N), frequency (rad/s) and phase (rad) of the first harmonic, its angle
+#: turned since then included.
+(FLIGHT_DECAY, FLIGHT_SQUARE, FLIGHT_PUSH, FLIGHT_SHARE, FLIGHT_ACTIVE) = range(5)
+(FLIGHT_BEGIN, FLIGHT_SPAN, FLIGHT_X, FLIGHT_SPEED) = range(5, 9)
+FLIGHT_LINE = 9
+FLIGHT_COLUMNS = 12
+#: Columns of harmonics: amplitude, frequency, phase with the angle turned at time 0; and the base
+#: for unit sine and for unit cosine of the phase, over the amplitude, m/N.
+(LINE_SIZE, LINE_RATE, LINE_PHASE, LINE_BASE_SINE, LINE_BASE_COSINE) = range(5)
+#: Rows of the series: X, and the force.
+_SERIES_X, _SERIES_FORCE = 0, 1
+#: What adds up: time, X, X^2, works of the force, of the active force and of the dashpot, J; b,
+#: b^2, X b, X''^2 and b''^2; and the largest |X|.
+(SUM_TIME, SUM_X, SUM_SQUARES, SUM_FORCE, SUM_ACTIVE, SUM_DASHPOT, SUM_BASE) = range(7)
+SUM_LARGEST = 11
+
+
+class Integrals(NamedTuple):
+    """What adds up over flights; energies in J."""
+
+    covered: float  # time, s
+    total: float  # of X, m s
+    squares: float  # of X^2, m^2 s
+    force: float  # work of force and base; NaN if their phase is not known, as the next two
+    active: float  # the part of it that is work of the active force
+    dashpot: float
+    friction: float
+    air: float
+    both: float  # kinetic energy that M and m together lost in the events that end flights
+    impact_energy: float  # that M lost in impacts; part of it is given to m
+    impact_loss: float  # that both lost in them
+    # Of a moving base, as of `Moments`; 0 of one at rest
+    base: float = 0.0
+    base_squares: float = 0.0
+    base_product: float = 0.0
+    acceleration: float = 0.0
+    base_acceleration: float = 0.0
+
+    @property
+    def x_rms(self) -> float:
+        """Root mean square of X, m; NaN if it is not known between the rows."""
+        return float(np.sqrt(self.squares / self.covered)) if self.covered else np.nan
+
+    @property
+    def transmissibility(self) -> Transmissibility:
+        """How much M took up of the motion of its base, over whole periods."""
+        return Transmissibility.of_moments(
+            Moments(self.covered, self.total, self.squares, *self[-5:])
+        )
+
+
+@kernel
+def write_series(flight: Any, lines: Any, series: Any, span: float, since: float) -> None:
+    """
+    Write the terms of X and of the force in a piece, whose first two of X are known.
+
+    With the time in parts of its duration; it begins some time after its flight, s.
+    """
+    for n in range(TERMS):
+        series[_SERIES_FORCE, n] = 0.0
+    for j in range(len(lines)):
+        size = lines[j, LINE_SIZE]
+        rate = lines[j, LINE_RATE]
+        phase = lines[j, LINE_PHASE] + rate * (flight[FLIGHT_BEGIN] + since)
+        if j == 0:
+            size = flight[FLIGHT_LINE]
+            rate = flight[FLIGHT_LINE + 1]
+            phase = flight[FLIGHT_LINE + 2] + rate * since
+        turn = rate * span
+        even = size * sin(phase)
+        odd = size * cos(phase) * turn
+        for n in range(0, TERMS, 2):
+            series[_SERIES_FORCE, n] += even
+            series[_SERIES_FORCE, n + 1] += odd
+            even *= -turn * turn / ((n + 1) * (n + 2))
+            odd *= -turn * turn / ((n + 2) * (n + 3))
+    dashpot = 2.0 * flight[FLIGHT_DECAY] * span
+    spring = flight[FLIGHT_SQUARE] * span * span
+    push = flight[FLIGHT_SHARE] * span * span
+    constant = flight[FLIGHT_PUSH] * span * span
+    for n in range(TERMS - 2):
+        rise = push * series[_SERIES_FORCE, n] + constant
+        constant = 0.0
+        rise -= dashpot * (n + 1) * series[_SERIES_X, n + 1] + spring * series[_SERIES_X, n]
+        series[_SERIES_X, n + 2] = rise / ((n + 1) * (n + 2))
+
+
+@kernel
+def series_sum(series: Any, row: int, place: float) -> tuple[float, float]:
+    """Return the sum of a series at a place in its piece, and its derivative."""
+    value = 0.0
+    slope = 0.0
+    for k in range(TERMS):
+        slope = slope * place + value
+        value = value * place + series[row, TERMS - 1 - k]
+    return value, slope
+
+
+@kernel
+def turning_size(series: Any, place: float) -> float:
+    """Return the largest |X| at the turning point of a piece next to a place, and on the way."""
+    largest = 0.0
+    for _ in range(_NEWTON_STEPS):
+        value, slope = series_sum(series, _SERIES_X, place)
+        largest = max(largest, abs(value))
+        bend = 0.0
+        for k in range(TERMS - 2):
+            n = TERMS - 1 - k
+            bend = bend * place + n * (n - 1) * series[_SERIES_X, n]
+        if bend == 0.0:
+            return largest
+        place = min(max(place - slope / bend, 0.0), 1.0)
+    return largest
+
+
+@kernel
+def add_base(lines: Any, flight: Any, since: float) -> tuple[float, float, float]:
+    """Return b, b' and b'' some time after a flight began, s."""
+    base = 0.0
+    speed = 0.0
+    rate = 0.0
+    for j in range(len(lines)):
+        turn = lines[j, LINE_RATE]
+        size = lines[j, LINE_SIZE]
+        phase = lines[j, LINE_PHASE] + turn * (flight[FLIGHT_BEGIN] + since)
+        if j == 0:
+            size = flight[FLIGHT_LINE]
+            turn = flight[FLIGHT_LINE + 1]
+            phase = flight[FLIGHT_LINE + 2] + turn * since
+        for_sine = size * lines[j, LINE_BASE_SINE]
+        for_cosine = size * lines[j, LINE_BASE_COSINE]
+        sine = sin(phase)
+        cosine = cos(phase)
+        here = for_sine * sine + for_cosine * cosine
+        base += here
+        speed += turn * (for_sine * cosine - for_cosine * sine)
+        rate -= turn * turn * here
+    return base, speed, rate
+
+
+@kernel
+def integrate_flights(
+    flights: Any,
+    lines: Any,
+    points: Any,
+    fastest: float,
+    damping: float,
+    shaken: bool,
+    series: Any,
+    sums: Any,
+) -> int:
+    """
+    Add up what flights contribute to the `sums`; return their number.
+
+    `fastest` is the circular frequency of the fastest oscillation, rad/s, `damping` that of the
+    dashpot, N s/m, and `shaken` whether a base moves.
+    """
+    for i in range(len(flights)):
+        flight = flights[i]
+        length = flight[FLIGHT_SPAN]
+        pieces = max(1.0, ceil(length * fastest / _PIECE_ANGLE))
+        span = length / pieces
+        x = flight[FLIGHT_X]
+        velocity = flight[FLIGHT_SPEED]
+        if not length > 0.0:
+            pieces = 0.0
+        for piece in range(int(pieces)):
+            since = piece * span
+            series[_SERIES_X, 0] = x
+            series[_SERIES_X, 1] = velocity * span
+            write_series(flight, lines, series, span, since)
+            best = abs(x)
+            place = 0.0
+            sums[SUM_TIME] += span
+            for k in range(points.shape[1]):
+                weight = points[1, k] * span
+                here, slope = series_sum(series, _SERIES_X, points[0, k])
+                force, _ = series_sum(series, _SERIES_FORCE, points[0, k])
+                if abs(here) > best:
+                    best = abs(here)
+                    place = points[0, k]
+                speed = slope / span
+                force += flight[FLIGHT_ACTIVE]
+                sums[SUM_X] += weight * here
+                sums[SUM_SQUARES] += weight * here * here
+                sums[SUM_FORCE] += weight * force * speed
+                sums[SUM_ACTIVE] += weight * flight[FLIGHT_ACTIVE] * speed
+                slip = speed
+                if shaken:
+                    base, base_speed, base_rate = add_base(
+                        lines, flight, since + points[0, k] * span
+                    )
+                    slip = speed - base_speed
+                    # What the base does beside the force that stands for it: it drags the dashpot
+                    sums[SUM_FORCE] += weight * damping * (slip * slip - speed * speed)
+                    rate = flight[FLIGHT_PUSH] + flight[FLIGHT_SHARE] * (
+                        force - flight[FLIGHT_ACTIVE]
+                    )
+                    rate -= 2.0 * flight[FLIGHT_DECAY] * speed + flight[FLIGHT_SQUARE] * here
+                    sums[SUM_BASE] += weight * base
+                    sums[SUM_BASE + 1] += weight * base * base
+                    sums[SUM_BASE + 2] += weight * here * base
+                    sums[SUM_BASE + 3] += weight * rate * rate
+                    sums[SUM_BASE + 4] += weight * base_rate * base_rate
+                sums[SUM_DASHPOT] += weight * damping * slip * slip
+            x, slope = series_sum(series, _SERIES_X, 1.0)
+            velocity = slope / span
+            if abs(x) > best:
+                best = abs(x)
+                place = 1.0
+            sums[SUM_LARGEST] = max(sums[SUM_LARGEST], best)
+            if best >= _NEAR_LARGEST * sums[SUM_LARGEST]:
+                sums[SUM_LARGEST] = max(sums[SUM_LARGEST], turning_size(series, place))
+    return len(flights)
