@@ -92,11 +92,15 @@ PATTERNS = {
 }
 
 
+def without_compiler(monkeypatch):
+    for place in ('orbits.periodic_problem', 'motion.compiled'):
+        monkeypatch.setattr(f'impact_damper_ros.{place}.has_numba', lambda: False)
+
+
 @pytest.fixture(autouse=True)
 def plain(monkeypatch):
     """Run the kernels as they are, uncompiled."""
-    for place in ('orbits.periodic_problem', 'motion.compiled'):
-        monkeypatch.setattr(f'impact_damper_ros.{place}.has_numba', lambda: False)
+    without_compiler(monkeypatch)
 
 
 def problem_of(pattern, rig=RIG):
@@ -239,7 +243,7 @@ def test_without_a_compiler_motions_are_the_same(gap, monkeypatch):
     guess = guess_on(orbit)
     assert len(guess.nodes) > orbit.impacts
     solution = PeriodicProblem(rig, guess.nodes, 1).solve(*guess[1:])
-    monkeypatch.setattr(periodic_problem, 'has_numba', lambda: False)
+    without_compiler(monkeypatch)
     plain_solution = PeriodicProblem(rig, guess.nodes, 1).solve(*guess[1:])
     assert (plain_solution.viable, plain_solution.reason) == (True, solution.reason)
     assert plain_solution.x_max == pytest.approx(solution.x_max, rel=1e-13)
