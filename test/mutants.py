@@ -99,12 +99,13 @@ class Course:
         self.place, self.mutants, self.tests, self.timeout = place, items, tests, timeout
         self.seconds: dict[str, float] = defaultdict(float)
         self.failed: list[str] = []
-        self.last = False
+        self.last, self.since = False, 0.0
         self.noticed = 0
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keep how long a test takes and whether it fails, the end for an altered one."""
-        self.seconds[report.nodeid] += report.duration
+        """Keep the processor time of a test and whether it fails, the end for an altered one."""
+        self.since, before = time.process_time(), self.since
+        self.seconds[report.nodeid] += self.since - before
         if report.failed:
             self.failed.append(report.nodeid)
             if self.last:
@@ -213,13 +214,15 @@ class Course:
             operator = get_operator(mutant.operator_name)(**(mutant.operator_args or {}))
             after = mutate_code(before, operator, mutant.occurrence)
             changes = new_codes(str(path), before, after)
+            # An endless loop is no test of minutes
+            most = min(self.timeout, 10.0 + 5.0 * sum(seconds[i.nodeid] for i in first + then))
             path.write_text(after)
             # A compiled file of the same second and size would be taken for this one's.
             os.utime(path, (number, number))
             if changes is None:
                 good = self.imported()
             else:
-                good = self.forked(partial(self.run, first + then, changes), self.timeout)
+                good = self.forked(partial(self.run, first + then, changes), most)
             path.write_text(before)
             self.noticed += not good
             where = f'{path.relative_to(self.place)}:{lines[0]} {mutant.operator_name[5:]}'
