@@ -165,5 +165,6 @@ def test_a_fitted_rig_is_simulated_and_its_result_designs_a_damper(version, tmp_
     code, text = make.command('simulate_rig', twin, '--duration', 2, '--impacts', impacts)
     assert (code, len(impacts.read_text().splitlines()) > 5) == (0, True), text
     fitted = version / 'outputs' / 'fit_rig.json'
-    code, text = make.command('design_damper', '--fitted', fitted, '--base', '0.2g')
+    few = '--base', '0.2g', '--mass-ratio', '5%', '--levels', '1:1'
+    code, text = make.command('design_damper', '--fitted', fitted, *few)
     assert (code, 'gap' in text) == (0, True), text
