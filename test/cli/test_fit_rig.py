@@ -1,12 +1,13 @@
 """`fit_rig`: from files of measured data to a fitted rig, its intervals and its report."""
 
-import importlib.util
 import json
 import re
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
+from rigs import TWIN as TRUE
 
 from impact_damper_ros import Rig, load_parameters
 from impact_damper_ros.cli.fit_rig import main
@@ -24,21 +25,12 @@ def _intervals(path):
     return {name: (float(low), float(high)) for name, low, high in found}
 
 
-def measured():
-    spec = importlib.util.spec_from_file_location('measure', TWIN / 'measure.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-TRUE = measured().TRUE
 FITTED = ('stiffness', 'damping', 'restitution_1', 'restitution_2', 'friction', 'gap')
 
 
-def test_the_files_of_the_tutorial_are_those_of_its_program(tmp_path):
-    module = measured()
-    module.sys.argv = ['measure.py', str(tmp_path)]
-    module.main()
+def test_the_files_of_the_tutorial_are_those_of_its_program(tmp_path, monkeypatch):
+    monkeypatch.setattr('sys.argv', ['measure.py', str(tmp_path)])
+    run_path(str(TWIN / 'measure.py'), run_name='__main__')
     for name in ('free.csv', 'start.csv', 'hits.csv', 'bounces.csv'):
         made, there = (
             np.array([row.replace(',', '.').replace(';', ',').split(',') for row in rows], float)
