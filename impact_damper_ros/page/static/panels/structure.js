@@ -27,6 +27,7 @@ class Structure {
   constructor(ask, set) {
     this.ask = ask;
     this.set = set;
+    this.looking = /** @type {Promise<import('../protocol.js').Answer> | null} */ (null);
     this.inputs = {};
     const form = byId('structure-form');
     const field = ([name, label, start, unit, help]) => {
@@ -43,8 +44,8 @@ class Structure {
       this.inputs.size.input.select();
     });
     rows.splice(3, 0, element('div', { class: 'field' }, element('label', { for: 'structure-shaken', text: 'Shaken by' }), this.shaken));
-    this.button = element('button', { type: 'submit', class: 'primary', text: 'Set the rig' });
-    form.append(...rows, element('div', { class: 'field done' }, this.button));
+    form.append(...rows, element('div', { class: 'field done' }, element('button', { type: 'submit', class: 'primary', text: 'Set the rig' })));
+    form.addEventListener('input', () => this.look());
     form.addEventListener('submit', (event) => {
       event.preventDefault();
       this.send();
@@ -53,6 +54,12 @@ class Structure {
 
   open() {
     byId('structure').showModal();
+    this.look();
+  }
+
+  get typed() {
+    const values = Object.fromEntries(Object.entries(this.inputs).map(([name, { input }]) => [name, input.value]));
+    return { ...values, shaken: this.shaken.value };
   }
 
   /** Show what is wrong with a field; without one, below all of them. */
@@ -66,24 +73,38 @@ class Structure {
       write(place.error, reason);
       place.error.hidden = false;
       place.input.setAttribute('aria-invalid', 'true');
-      place.input.focus();
     }
     const result = byId('structure-result');
-    result.replaceChildren(...(reason && !place ? [element('p', { class: 'error', role: 'alert', text: reason })] : []));
+    result.classList.toggle('stale', Boolean(place && reason));
+    if (reason && !place) result.replaceChildren(element('p', { class: 'error', role: 'alert', text: reason }));
   }
 
+  /** Show the best gap of what is typed, and return the answer; what is typed meanwhile is asked for when that comes. */
+  look() {
+    const look = async () => {
+      let [values, answer] = [this.typed, await this.ask({ type: 'structure', values: this.typed })];
+      while (JSON.stringify(values) !== JSON.stringify(this.typed)) {
+        values = this.typed;
+        answer = await this.ask({ type: 'structure', values });
+      }
+      this.looking = null;
+      this.fail(answer.field, answer.ok ? '' : answer.reason);
+      if (answer.ok) this.show(answer.design, answer.values);
+      return answer;
+    };
+    this.looking ??= look();
+    return this.looking;
+  }
+
+  /** Set the rig to what is typed. */
   async send() {
-    if (this.button.disabled) return;
-    const values = Object.fromEntries(Object.entries(this.inputs).map(([name, { input }]) => [name, input.value]));
-    values.shaken = this.shaken.value;
-    this.button.disabled = true;
-    this.fail();
-    byId('structure-result').replaceChildren(element('p', { class: 'quiet', text: 'Looking for the best gap …' }));
-    const answer = await this.ask({ type: 'structure', values });
-    const { ok, reason } = answer.ok ? await this.set(answer.design, answer.values) : answer;
-    this.button.disabled = false;
-    this.fail(answer.field, ok ? '' : reason);
-    if (ok) this.show(answer.design, answer.values);
+    const found = await this.look();
+    if (!found.ok) {
+      this.inputs[found.field]?.input.focus();
+      return;
+    }
+    const { ok, reason } = await this.set(found.design, found.values);
+    if (!ok) this.fail('', reason);
   }
 
   show(design, values) {
