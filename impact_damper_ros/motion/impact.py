@@ -151,14 +151,19 @@ def end_bounces(moving: Moving, stop: int, coefficient: float) -> None:
 
 
 @kernel(inline=True)
-def bounce(constants: Any, coefficient: Any, speed: Any) -> tuple[Any, Any]:  # noqa: ARG001
+def bounce(constants: Any, coefficient: Any, speed: Any) -> tuple[Any, Any]:
     """
-    Return R at an approach speed v, and R + v dR/dv: the law of restitution, a constant R.
+    Return R at an approach speed v, and R + v dR/dv: the law of restitution.
 
-    R falls with v, from the coefficient of the stop at 0. Of one impact, or in plain Python of
-    many as arrays.
+    R falls with v, from the coefficient of the stop at 0: R(v) = R(0) (1 + v/v_c)^-p. Of one
+    impact, or in plain Python of many as arrays.
     """
-    return coefficient, coefficient
+    if constants.restitution_slowness == 0.0:
+        return coefficient, coefficient
+    exponent = constants.restitution_exponent
+    rise = 1.0 + constants.restitution_slowness * speed
+    restitution = coefficient * rise**-exponent
+    return restitution, restitution * (1.0 - exponent + exponent / rise)
 
 
 @kernel(inline=True)

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
-from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, slowness
 
 from .compiled import kernel
 from .oscillator import Line, Oscillator, oscillators
@@ -62,6 +62,8 @@ class RigConstants(NamedTuple):
         follow.
     mass_ratio, share, damper_mass, restitution_1, restitution_2 : float
         As in `RigParameters`; the share is m/(M + m).
+    restitution_slowness, restitution_exponent : float
+        Likewise; the slowness is 1/v_c, s/m, 0 for a constant R.
     slope, grip, air : float
         Accelerations g sin(angle), friction g cos(angle) and air_force/m, m/s^2.
     push : float
@@ -82,6 +84,8 @@ class RigConstants(NamedTuple):
     damper_mass: float
     restitution_1: float
     restitution_2: float
+    restitution_slowness: float
+    restitution_exponent: float
     slope: float
     grip: float
     air: float
@@ -124,6 +128,8 @@ def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any, base: slice) -> dict
         'damper_mass': p.damper_mass,
         'restitution_1': p.restitution_1,
         'restitution_2': p.restitution_2,
+        'restitution_slowness': slowness(p.restitution_speed),
+        'restitution_exponent': p.restitution_exponent,
         'slope': slope,
         'grip': grip,
         'air': air,
@@ -146,10 +152,12 @@ def incline(angle: float) -> tuple[float, float]:
 NUMBERS = (
     *('primary_mass', 'stiffness', 'damping', 'damper_mass', 'gap'),
     *('restitution_1', 'restitution_2', 'angle', 'friction', 'gravity', 'air_force'),
+    *('restitution_slowness', 'restitution_exponent'),
 )
 #: Their places, and that of the first harmonic.
 MASS, STIFFNESS, DAMPING, DAMPER_MASS, GAP, RESTITUTION_1, RESTITUTION_2 = range(7)
-ANGLE, FRICTION, GRAVITY, AIR_FORCE, FIRST_LINE = range(7, len(NUMBERS) + 1)
+ANGLE, FRICTION, GRAVITY, AIR_FORCE, SLOWNESS, EXPONENT = range(7, len(NUMBERS))
+FIRST_LINE = len(NUMBERS)
 
 
 @kernel
@@ -165,6 +173,8 @@ def set_contacts(constants: Any, rig: Sequence[float]) -> None:
     constants.damper_mass = rig[DAMPER_MASS]
     constants.restitution_1 = rig[RESTITUTION_1]
     constants.restitution_2 = rig[RESTITUTION_2]
+    constants.restitution_slowness = rig[SLOWNESS]
+    constants.restitution_exponent = rig[EXPONENT]
     constants.slope = rig[GRAVITY] * sine
     constants.grip = rig[FRICTION] * rig[GRAVITY] * cosine
     constants.air = rig[AIR_FORCE] / rig[DAMPER_MASS]

@@ -26,6 +26,7 @@ _FIRST = {
     'friction': ('Friction γ', 'friction', 'γ'),
     'restitution_1': ('Restitution R₁', 'restitution', 'R₁'),
     'restitution_2': ('Restitution R₂', 'restitution', 'R₂'),
+    'restitution_speed': ('R falls from v_c', 'restitution-speed', 'v_c'),
     'gap_control': ('Gap control', 'gap-control', 'control'),
 }
 
@@ -69,6 +70,7 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
             'min': spec.low,
             'max': spec.high,
             'usual': spec.usual,
+            'zero': spec.zero,
             'units': [unit for unit in UNITS[spec.unit] if unit],
             'read_only': spec.effect == 'start',
             'choices': spec.choices,

@@ -67,6 +67,19 @@ class RigParameters(ParameterTable):
     restitution_2: float = number(
         0.75, 0.0, 1.0, '', 'Coefficient of restitution R2 at stop 2 (the upper one).'
     )
+    restitution_speed: float = number(
+        0.0,
+        0.0,
+        1e9,
+        'm/s',
+        'Speed v_c from which restitution falls with the approach speed v of m at an impact: '
+        'R(v) = R (1 + v/v_c)^-p, R being restitution_1 or restitution_2; 0 for a constant R.',
+        least=1e-6,
+        zero='constant R',
+    )
+    restitution_exponent: float = number(
+        0.25, 0.0, 0.999, '', 'Exponent p of that fall; 1/4 for plastic contact.'
+    )
     # 1.5708 is what people type for 90 degrees.
     angle: float = number(
         0.0, -1.5708, 1.5708, 'rad', 'Inclination of the axis, positive downwards.'
@@ -450,6 +463,11 @@ class RigParameters(ParameterTable):
         return self.damper_mass / self.primary_mass
 
     @property
+    def restitution_slowness(self) -> float:
+        """Slowness 1/v_c, s/m, by which restitution falls with the speed; 0 for a constant R."""
+        return slowness(self.restitution_speed)
+
+    @property
     def frequency_ratio(self) -> float:
         """Ratio r of the first harmonic's frequency to the natural one."""
         return self.first_harmonic[1] / self.omega
@@ -525,6 +543,11 @@ class InitialConditions(ParameterTable):
                 f'initial_damper_offset is {offset!r} m: m must start between the stops, give a '
                 f'number from {low:g} to {half:g} m (half the gap of {parameters.gap:g} m)',
             )
+
+
+def slowness(speed: Any) -> Any:
+    """Return 1/v of a speed, or of many as an array; 0 of 0, which stands for no speed."""
+    return (speed > 0.0) / (speed + (speed == 0.0))
 
 
 PARAMETER_SPECS: dict[str, ParameterSpec] = specs_of(RigParameters)

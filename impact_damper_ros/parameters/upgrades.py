@@ -18,6 +18,9 @@ from .quoting import shown
 Document = dict[str, Any]
 Upgrade = Callable[[Document], Document]
 
+#: What format 2 of bags and sweeps adds to the parameters of a rig.
+CONSTANT_RESTITUTION: Document = {'restitution_speed': 0.0, 'restitution_exponent': 0.25}
+
 
 class FormatError(ValueError):
     """A document of a format that this version does not read."""

@@ -20,15 +20,30 @@ from impact_damper_ros.motion.state import (
 from impact_damper_ros.parameters.parameter_spec import number_between, whole_number
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.parameters.upgrades import Document, FormatError, Upgrade, newest, upgraded
+from impact_damper_ros.parameters.upgrades import (
+    CONSTANT_RESTITUTION,
+    Document,
+    FormatError,
+    Upgrade,
+    newest,
+    upgraded,
+)
 
 from .playback import Playback
 from .stepped_sine import SteppedSine, rig_at, step_count, step_duration
 
+
+def upgraded_from_1(document: Document) -> Document:
+    """Return a document of format 2: restitution may fall with the speed."""
+    state = document['state']
+    parameters = {**CONSTANT_RESTITUTION, **state['parameters']}
+    return {**document, 'state': {**state, 'parameters': parameters}}
+
+
 #: What leads from the format of version 1.0 to the present one, see `parameters.upgrades`: that of
 #: all that is kept of a rig, its state and the messages of a bag, which its snapshots describe. A
 #: document is the message of a snapshot, or {'state': state} of one that was taken in Python.
-UPGRADES: tuple[Upgrade, ...] = ()
+UPGRADES: tuple[Upgrade, ...] = (upgraded_from_1,)
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: Another order of operations does that, another root finder or bound, and another function of a
 #: library; `test/rig/test_arithmetic.py` notices it. Each number gets a line here that says what

@@ -29,7 +29,13 @@ from impact_damper_ros.parameters.rig_parameters import (
     RigParameters,
 )
 from impact_damper_ros.parameters.units import UNITS, split_number
-from impact_damper_ros.parameters.upgrades import Upgrade, newest, upgraded
+from impact_damper_ros.parameters.upgrades import (
+    CONSTANT_RESTITUTION,
+    Document,
+    Upgrade,
+    newest,
+    upgraded,
+)
 
 from .steady_state import Settling
 
@@ -38,8 +44,21 @@ _NAME = re.compile(r'([A-Za-z_][A-Za-z0-9_]*)(?:\[(\d+)\])?')
 _BOOLS = {'true': True, 'false': False}
 _MOST_VALUES = 1_000_000
 _MOST_RIGS = 2_000_000
+
+
+def upgraded_from_1(inputs: Document) -> Document:
+    """Return inputs of format 2: restitution may fall with the speed."""
+    return {**inputs, 'parameters': {**CONSTANT_RESTITUTION, **inputs['parameters']}}
+
+
 #: What leads from inputs of version 1.0 to the present ones; see `parameters.upgrades`.
-UPGRADES: tuple[Upgrade, ...] = ()
+UPGRADES: tuple[Upgrade, ...] = (upgraded_from_1,)
+
+
+def present_inputs(inputs: Document) -> Document:
+    """Return inputs of a sweep in the present format; or raise `FormatError`."""
+    return {**upgraded(inputs, inputs.get('format'), UPGRADES), 'format': newest(UPGRADES)}
+
 
 #: How rigs start: from the initial conditions, or along rising or falling values of the first axis
 #: from the last state of the one before.
@@ -434,7 +453,7 @@ class Grid:
         ValueError
             If this version does not know such inputs.
         """
-        inputs = upgraded(inputs, inputs.get('format'), UPGRADES)
+        inputs = present_inputs(inputs)
         return cls(
             RigParameters(**inputs['parameters']),
             InitialConditions(**inputs['initial']),

@@ -18,6 +18,7 @@ from typing import Any, Self
 
 from impact_damper_ros.parameters.plain import differences
 
+from .grid import present_inputs
 from .steady_state import Row
 from .table import MetadataError
 
@@ -110,6 +111,7 @@ class PartFile:
             stored = json.loads(lines[0]) if content else inputs
             if 'axes' not in stored:
                 raise ValueError('no inputs')
+            stored = present_inputs(stored)
             rigs = [json.loads(line) for line in lines[1:]]
             for rows, state in rigs:
                 self.rows |= dict(rows)

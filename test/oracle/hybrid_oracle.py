@@ -29,6 +29,8 @@ DEFAULTS: dict[str, Any] = {
     'gap': 37.0,
     'restitution_1': 0.75,
     'restitution_2': 0.75,
+    'restitution_speed': 0.0,
+    'restitution_exponent': 0.25,
     'angle': 0.0,
     'friction': 0.0,
     'gravity': 9.81,
@@ -87,6 +89,8 @@ class HybridMotion:
         self.m, self.mu = m, m / M
         self.half_gap = mp.mpf(p['gap']) / 2
         self.restitution = {1: mp.mpf(p['restitution_1']), 2: mp.mpf(p['restitution_2'])}
+        self.falls_from = mp.mpf(p['restitution_speed'])
+        self.exponent = mp.mpf(p['restitution_exponent'])
         self.incline = g * mp.sin(angle)
         self.grip = mp.mpf(p['friction']) * g * mp.cos(angle)
         self.air = mp.mpf(p['air_force'])
@@ -176,6 +180,8 @@ class HybridMotion:
         self.y = self.half_gap if stop == 1 else -self.half_gap
         v, w, speed = self.v, self.v + self.u, abs(self.u)
         R, mu = self.restitution[stop], self.mu
+        if self.falls_from:
+            R *= (self.falls_from / (self.falls_from + speed)) ** self.exponent
         self.v = ((1 - mu * R) * v + mu * (1 + R) * w) / (1 + mu)
         self.u = -R * self.u
         self.press = self.air * (-1 if stop == 1 else 1)

@@ -61,6 +61,8 @@ def drawn_rig(chance):
         sweep_high=1.2 * omega,
         sweep_step=0.1 * omega,
         sweep_dwell=1.7 / omega,
+        restitution_speed=chance.choice([0.0, 0.0, 0.01, 1.0]),
+        restitution_exponent=chance.choice([0.25, 0.9]),
     )
 
 

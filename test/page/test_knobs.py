@@ -22,6 +22,7 @@ def test_what_matters_first_comes_first():
             ('friction', 'γ', 'rig'),
             ('restitution_1', 'R₁', 'rig'),
             ('restitution_2', 'R₂', 'rig'),
+            ('restitution_speed', 'v_c', 'rig'),
         ),
         ('gap_control', 'control', 'control'),
     ]
@@ -32,7 +33,7 @@ def test_of_a_shaker_table_the_knobs_of_the_base_come_first():
     knobs = knobs_of(values | {'force_amplitudes': [0.0], 'base_amplitudes': [2.0]})
     places = {k['name']: k['first']['place'] for k in knobs if k['first']}
     assert (places['base_frequencies'], places['base_amplitudes']) == (3, 4)
-    assert len(places) == 9
+    assert len(places) == 10
     assert 'force_amplitudes' not in places
 
 

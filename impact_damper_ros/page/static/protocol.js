@@ -19,6 +19,7 @@
  * @property {number | null} min
  * @property {number | null} max
  * @property {[number, number] | null} usual
+ * @property {string} zero What 0 stands for, if that is no number like others.
  * @property {string[]} units
  * @property {boolean} read_only
  * @property {string[]} choices

@@ -39,6 +39,16 @@ test('a slider goes eight times up and down, within what is usual', () => {
   assert.deepEqual(new SliderScale({ ...gap, name: 'friction' }, 0, 1, 5).span, [0, 1, 0.005]);
 });
 
+test('a number whose 0 has a meaning has a place for it at the end of a logarithmic slider', () => {
+  const speed = { name: 'restitution_speed', min: 0, max: 1e9, usual: [0, 100], zero: 'constant R' };
+  const scale = new SliderScale(speed, 0, 1, 5);
+  assert.deepEqual(scale.span.slice(0, 2), [0.001, 100]);
+  assert.deepEqual([scale.of(0), scale.at(1), scale.at(0.96), scale.at(0.95), scale.at(0)], [1, 0, 0, 100, 0.001]);
+  assert.equal(scale.at(scale.of(0.3)), 0.3);
+  assert.deepEqual([scale.misses(0), scale.misses(1e-4), scale.misses(101)], [false, true, true]);
+  assert.deepEqual(new SliderScale(speed, 1e-5, 1, 5).span.slice(0, 2), [1e-5, 100]);
+});
+
 const RIG = { primary_mass: 2, stiffness: 2 * (10 * Math.PI) ** 2, gap: 0.024, base_quantity: 'displacement' };
 
 test('lengths stay in their unit while a knob is turned, and not where the rig is another one', () => {

@@ -88,12 +88,14 @@ class Knob {
     if (choices?.length || type === 'bool' || low === null || low === undefined) return '';
     const { factor } = this.shown;
     const text = (value) => (unit === 'm' ? withUnit(value, unit) : digits(value * factor, 3));
-    const shown = unit === 'm' ? '' : this.unitText();
+    const shown = unit === 'm' ? '' : this.shown.unit;
     return `${usual ? 'Usually' : 'From'} ${text(low)} to ${text(high)}${shown && `\u202f${shown}`}.${units.length > 1 ? ` Units: ${units.join(', ')}.` : ''}`;
   }
 
   unitText() {
-    return this.descriptor.type === 'string' || this.descriptor.type === 'bool' ? '' : this.shown.unit;
+    const { type, zero } = this.descriptor;
+    if (zero && this.value === 0) return zero;
+    return type === 'string' || type === 'bool' ? '' : this.shown.unit;
   }
 
   /** Whether this knob turns the first entry of an array. */
@@ -244,9 +246,10 @@ class Knob {
     else if (type === 'double_array' && !this.firstOnly) {
       this.write(this.value.map((one) => typed(one * this.shown.factor)).join(', '));
     } else if (force || !this.dragging) this.write(typed(this.number, type === 'integer' ? 1e-15 : 5e-6));
+    write(this.unit, this.unitText());
     if (this.range && !this.dragging) {
       this.range.value = String(Math.round(1000 * this.scale.of(this.number)));
-      mark(this.range, 'aria-valuetext', `${this.input.value} ${this.shown.unit}`);
+      mark(this.range, 'aria-valuetext', `${this.input.value} ${this.unitText()}`);
     }
   }
 
@@ -256,7 +259,6 @@ class Knob {
     this.shown = this.knobs.store.units.of(this.descriptor);
     // What is half typed was meant in the unit before.
     if (this.shown.unit !== unit) this.typing = false;
-    write(this.unit, this.unitText());
     this.scaleSlider();
     this.show(true);
   }
