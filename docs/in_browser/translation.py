@@ -852,7 +852,7 @@ class Writer:
         square = isinstance(node.right, ast.Constant) and node.right.value == 2
         if square and isinstance(node.left, ast.Name | ast.Attribute):
             return f'({left} * {left})'
-        raise self.unknown(node)
+        return f'Math.pow({left}, {right})'
 
     def value_UnaryOp(self, node: ast.UnaryOp) -> str:
         if isinstance(node.op, ast.Not):

@@ -25,7 +25,7 @@ _MOST_NAMED = 65
 UNKNOWN = tuple(
     name
     for name in PARAMETER_SPECS
-    if name not in (*NUMBERS, 'one_sided')
+    if name not in (*NUMBERS, 'one_sided', 'restitution_speed')
     and not name.startswith(('force_', 'base_', 'multisine_', 'sweep_'))
 )
 _DEFAULT = RigParameters()

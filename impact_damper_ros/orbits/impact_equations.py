@@ -4,10 +4,10 @@ Starts of the boundary-value problem, from the equations of N impacts in k cycle
 
 Bapat (1995), equations (3)-(15), derived again. Between impacts the damper mass has constant
 acceleration, so that the displacements X_i and instants t_i of the impacts give its velocities;
-momentum and restitution then give those of the primary mass before and after each impact; and
-its closed-form flight must lead from each impact to the next. These are 2N equations. For fixed
-instants they are linear in X_1 .. X_N and in the cosine and sine of the force's phase at the
-first impact: an N-impact motion has only N-1 non-linear unknowns.
+momentum and a constant restitution then give those of the primary mass before and after each
+impact; and its closed-form flight must lead from each impact to the next. These are 2N equations.
+For fixed instants they are linear in X_1 .. X_N and in the cosine and sine of the force's phase at
+the first impact: an N-impact motion has only N-1 non-linear unknowns.
 
 The linear part leaves, for fixed instants, vectors (X_1, .., X_N, C, S, W) that satisfy it up to a
 factor; the force then asks for C^2 + S^2 = W^2. For N = 1 these vectors span a plane and the
@@ -77,7 +77,7 @@ _NARROWINGS, _GOLDEN = 28, 0.6180339887498949
 
 @kernel
 def set_laws(problem: Problem) -> None:
-    """Write what the equations ask for of each impact into its row."""
+    """Write what the equations ask for of each impact into its row, for a constant R."""
     nodes, table, constants = problem.nodes, problem.table, problem.moving.constants
     for j in range(len(nodes)):
         after = nodes[(j + 1) % len(nodes)].stop

@@ -20,6 +20,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
     RigParameters,
     check_rig,
+    slowness,
 )
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Outcome
@@ -63,7 +64,11 @@ _FIRST_PERIODS = 10
 _PUSHES = 1e-2, -1e-2, 1e-4, -1e-4
 _FIRST_SHARE = 0.25
 _LEAST_SHARE = 1.0 / 64.0
-_NUMBERS = [name for name, spec in PARAMETER_SPECS.items() if spec.kind == 'double']
+_NUMBERS = [
+    name
+    for name, spec in PARAMETER_SPECS.items()
+    if spec.kind == 'double' and name != 'restitution_speed'
+]
 
 
 class StartReport(NamedTuple):
@@ -74,7 +79,8 @@ class StartReport(NamedTuple):
     ----------
     complete : bool
         Whether all motions are found, up to roots closer together than the scan: one or two
-        impacts, one harmonic, and no reversal, sticking or rest between them.
+        impacts with a constant restitution, one harmonic, and no reversal, sticking or rest
+        between them.
     starts : int
         Guesses from which Newton's method began, but for those of the scan: systematic ones,
         motions of a simpler rig, without friction or with one harmonic, and simulated motion.
@@ -168,6 +174,12 @@ def may_rest_or_reverse(machine: Machine, stops: tuple[int, ...]) -> bool:
     return soft or len(stops) > 2 or constants.grip > 0.0
 
 
+def is_scanned(machine: Machine, stops: tuple[int, ...]) -> bool:
+    """Return whether the scan of the impact equations finds all motions with these impacts."""
+    falls = machine.constants.restitution_slowness > 0.0
+    return not falls and not may_rest_or_reverse(machine, stops)
+
+
 def _theory(
     parameters: RigParameters,
     stops: tuple[int, ...],
@@ -175,7 +187,7 @@ def _theory(
     starts: int | None,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
     """Solve from all starts, or many, that the impact equations give."""
-    report = StartReport(complete=not may_rest_or_reverse(machine_of(parameters), stops))
+    report = StartReport(complete=is_scanned(machine_of(parameters), stops))
     equations = ImpactEquations(parameters, stops, cycles)
     if equations.impacts <= 2:
         roots = few_impact_roots(equations)
@@ -277,6 +289,7 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
     start = {name: getattr(orbit.parameters, name) for name in _NUMBERS}
     end = {name: getattr(parameters, name) for name in _NUMBERS}
     varied = [name for name in _NUMBERS if start[name] != end[name]]
+    slow = orbit.parameters.restitution_slowness, parameters.restitution_slowness
     done, share, latest = 0.0, _FIRST_SHARE, orbit
     while done < 1.0:
         if share < _LEAST_SHARE:
@@ -285,6 +298,7 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
         rig = parameters.replace(
             **_with_share_of_others(parameters, ahead),
             **{name: start[name] + ahead * (end[name] - start[name]) for name in varied},
+            restitution_speed=slowness(slow[0] + ahead * (slow[1] - slow[0])),
         )
         moved = orbit_at(latest, rig)
         if moved is None:
@@ -395,6 +409,8 @@ def find_orbits(
 
     Notes
     -----
+    Where restitution falls with the speed, the starts are motions with constant restitutions from
+    that of slow impacts down, and simulated motion; the list is complete for one constant only.
     The impact equations cover neither flights that return to the same stop against friction nor a
     force of several harmonics. The search then starts from simulated motion and from the
     motions of the rig without friction or with the first harmonic only. With `simulate` it also
@@ -447,7 +463,7 @@ def _orbits_with(
     if single_harmonic(parameters) and within_theory(machine.constants.grip, stops):
         parameters = _with_first_harmonic(parameters)
         orbits, report = _theory(parameters, stops, cycles, starts)
-        if not simulate or not may_rest_or_reverse(machine, stops):
+        if not simulate or is_scanned(machine, stops):
             return OrbitSearch(tuple(orbits), report)
     else:
         simpler = list(_simpler_orbits(parameters, stops, cycles, starts))

@@ -20,11 +20,12 @@ from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import FIRST_LINE, FRICTION, GRAVITY, NUMBERS
 from impact_damper_ros.parameters.parameter_spec import (
     ParameterError,
+    ParameterSpec,
     number_between,
     whole_number,
 )
 from impact_damper_ros.parameters.quoting import shown, similar_names
-from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters, slowness
 
 from .arclength import (
     BRANCHING,
@@ -73,6 +74,8 @@ from .solved_orbits import Guess, guess_on, orbit_of
 
 #: A name for both coefficients of restitution at once.
 BOTH_RESTITUTIONS = 'restitution'
+#: The reciprocal of `restitution_speed`, s/m: from 0, a constant restitution, on.
+SLOWNESS = 'restitution_slowness'
 # Multisine and sweep have no periodic motion.
 _VARIABLE = [
     name
@@ -80,15 +83,24 @@ _VARIABLE = [
     if spec.kind in ('double', 'double_array') and not name.startswith(('multisine_', 'sweep_'))
 ]
 
+_KNOWN = (*_VARIABLE, SLOWNESS, BOTH_RESTITUTIONS)
+
 
 def _check_name(name: str) -> None:
-    known = (*_VARIABLE, BOTH_RESTITUTIONS)
-    if name not in known:
-        close = similar_names(name, known)
+    if name not in _KNOWN:
+        close = similar_names(name, _KNOWN)
         hint = f'did you mean {close}? There are ' if close else 'give one of '
         raise OrbitError(
-            f'{shown(name)} cannot be varied: {hint}{", ".join(_VARIABLE)}, or {BOTH_RESTITUTIONS}'
+            f'{shown(name)} cannot be varied: {hint}{", ".join(_KNOWN[:-1])}, or {_KNOWN[-1]}'
         )
+
+
+def spec_of(name: str) -> ParameterSpec:
+    """Return unit and range of what a continuation can vary."""
+    if name == SLOWNESS:
+        speed = PARAMETER_SPECS['restitution_speed']
+        return speed._replace(unit='s/m', low=0.0, high=1.0 / speed.least, least=0.0)
+    return PARAMETER_SPECS['restitution_1' if name == BOTH_RESTITUTIONS else name]
 
 
 def value_of(parameters: RigParameters, name: str) -> float:
@@ -111,14 +123,15 @@ def number_of(name: str, value: float | str) -> float:
     """Return a value of a parameter that may be a text with a unit, in SI."""
     if not isinstance(value, str):
         return value
-    spec = PARAMETER_SPECS.get('restitution_1' if name == BOTH_RESTITUTIONS else name)
-    return float(value) if spec is None else spec.in_si(value)
+    return spec_of(name).in_si(value) if name in _KNOWN else float(value)
 
 
 def with_value(parameters: RigParameters, name: str, value: float) -> RigParameters:
     """Return the rig with one parameter, as `value_of` names it, changed."""
     if name == BOTH_RESTITUTIONS:
         return parameters.replace(restitution_1=value, restitution_2=value)
+    if name == SLOWNESS:
+        return parameters.replace(restitution_speed=slowness(value))
     if PARAMETER_SPECS[name].kind == 'double_array':
         entries = getattr(parameters, name)
         return parameters.replace(**{name: (value, *entries[1:])})
@@ -216,8 +229,7 @@ class Steps:
         """The ends of the range, and the least and largest admissible value, if known."""
         if not isinstance(self.path, str):
             return self.low, self.high
-        name = 'restitution_1' if self.path == BOTH_RESTITUTIONS else self.path
-        spec = PARAMETER_SPECS[name]
+        spec = spec_of(self.path)
         assert spec.low is not None
         assert spec.high is not None
         return self.low, self.high, spec.low, spec.high

@@ -20,12 +20,13 @@ from .response import Array
 
 class ImpactEquations:
     """
-    The 2N equations of one stop sequence.
+    The 2N equations of one stop sequence, of impacts with a constant restitution.
 
     Parameters
     ----------
     parameters : RigParameters
-        The rig, driven by one harmonic.
+        The rig, driven by one harmonic; where its restitution falls with the speed, the equations
+        have that of slow impacts.
     stops : tuple of int
         Stops hit in one period, in order.
     cycles : int
@@ -103,6 +104,31 @@ def _found(equations: ImpactEquations, first: int, end: int, points: int = 0) ->
         room = count
 
 
+#: Step of R from one rig with constant R to the next.
+_STEP = 0.05
+
+
+def _with_constant_restitution(equations: ImpactEquations) -> list[ImpactEquations]:
+    """Return the equations of rigs with constant R, from R at speed 0 down, where R falls."""
+    rig = equations.parameters
+    if not rig.restitution_slowness:
+        return [equations]
+    most = max(rig.restitution_1, rig.restitution_2)
+    levels = max(1, math.ceil(most / _STEP))
+    return [
+        ImpactEquations(
+            rig.replace(
+                restitution_1=rig.restitution_1 * (1.0 - k / levels),
+                restitution_2=rig.restitution_2 * (1.0 - k / levels),
+                restitution_speed=0.0,
+            ),
+            equations.stops,
+            equations.cycles,
+        )
+        for k in range(levels)
+    ]
+
+
 def _solved(equations: ImpactEquations, starts: Array) -> list[Solution]:
     """Return the solutions that Newton's method leads to from places."""
     solutions = (equations.problem.solve_from(start) for start in starts)
@@ -129,10 +155,16 @@ def few_impact_roots(equations: ImpactEquations) -> list[Solution]:
     Find all motions with one or two impacts in a period.
 
     For two the condition of the equations is scanned over the whole period. Every candidate is a
-    start of Newton's method.
+    start of Newton's method. Where R falls with the speed, the scans are of rigs with constant R.
     """
+    rigs = _with_constant_restitution(equations)
+    return _solved(equations, np.concatenate([_starts_of(one) for one in rigs]))
+
+
+def _starts_of(equations: ImpactEquations) -> Array:
+    """Return all starts with one or two impacts in a period, of a constant R."""
     if equations.impacts == 1:
-        return _solved(equations, _found(equations, 0, 0))
+        return _found(equations, 0, 0)
     ratio = max(1.0, equations.parameters.omega / equations.frequency)
     points = min(_MOST_POINTS, math.ceil(_POINTS_PER_CYCLE * equations.cycles * ratio))
     end = points + 24
@@ -141,7 +173,7 @@ def few_impact_roots(equations: ImpactEquations) -> list[Solution]:
         _found(equations, first, min(first + _PART + 2, end), points)
         for first in range(0, end - 2, _PART)
     ]
-    return _solved(equations, np.concatenate(starts))
+    return np.concatenate(starts)
 
 
 _CLOSE = 1e-6
@@ -177,15 +209,15 @@ def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Sol
     """Find motions of one stop sequence from systematic starts; and how many have converged."""
     if not starts:
         return [], 0
-    problem = equations.problem
-    size = len(problem.place) - 1
-    at_once = max(1, _MOST_AT_ONCE // size**3)
+    size = len(equations.problem.place) - 1
+    rigs = _with_constant_restitution(equations)
+    at_once = min(max(1, _MOST_AT_ONCE // size**3), math.ceil(starts / len(rigs)))
     rows = np.zeros((starts, size + 1))
-    for first in range(0, starts, at_once):
+    for turn, first in enumerate(range(0, starts, at_once)):
         part = rows[first : first + at_once]
         instants = _instants(equations, range(first, first + len(part)))
         part[:, 3:-1:4] = equations.frequency * instants
-        problem.compute(FIND_STARTS, True, 0.0, 0.0, part)
+        rigs[turn % len(rigs)].problem.compute(FIND_STARTS, True, 0.0, 0.0, part)
     unknowns, residuals = rows[:, :size], rows[:, size]
     # One of each group of starts that came to the same place is polished
     keys: dict[tuple[int, ...], int] = {}

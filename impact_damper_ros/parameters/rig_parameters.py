@@ -465,7 +465,8 @@ class RigParameters(ParameterTable):
     @property
     def restitution_slowness(self) -> float:
         """Slowness 1/v_c, s/m, by which restitution falls with the speed; 0 for a constant R."""
-        return slowness(self.restitution_speed)
+        value: float = slowness(self.restitution_speed)
+        return value
 
     @property
     def frequency_ratio(self) -> float:

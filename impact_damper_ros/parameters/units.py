@@ -23,6 +23,7 @@ _OF_BASE = 'm, m/s or m/s^2'
 UNITS: dict[str, dict[str, float]] = {
     'm': _LENGTHS,
     'm/s': _SPEEDS,
+    's/m': {'s/m': 1.0, 's/mm': 1e3},
     'm/s^2': _ACCELERATIONS,
     _OF_BASE: {_OF_BASE: 1.0, **_LENGTHS, **_SPEEDS, **_ACCELERATIONS},
     'kg': {'kg': 1.0, 'g': 1e-3, 'mg': 1e-6, 't': 1e3},

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.orbits.branch import Branch, SpecialKind
-from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
+from impact_damper_ros.orbits.solution_curve import spec_of
 
 from .drawing import (
     COLORS,
@@ -33,7 +33,7 @@ SPECIAL_MARKS = {
 
 def parameter_label(name: str) -> str:
     """Return a parameter and its unit for an axis."""
-    spec = PARAMETER_SPECS['restitution_1' if name == 'restitution' else name]
+    spec = spec_of(name)
     return f'{name} [{spec.unit}]' if spec.unit else name
 
 
