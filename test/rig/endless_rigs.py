@@ -2,17 +2,11 @@
 
 import math
 
+from rigs import LIVELY
+
 from impact_damper_ros import InitialConditions, RigParameters
 
-_RIG = RigParameters(
-    stiffness=1000.0,
-    damping=0.6,
-    damper_mass=0.1,
-    gap=0.01,
-    gravity=0.0,
-    force_amplitudes=10.0,
-    force_frequencies=31.6,
-)
+_RIG = LIVELY.replace(gravity=0.0)
 _NEXT_TO_THE_STOP = InitialConditions(initial_damper_offset=0.005 - 1.25e-13)
 #: Bounces of 0.1 pm under 1e4 m/s^2: 1e8 impacts per second.
 _HAMMERING = _RIG.replace(angle=math.pi / 2, gravity=1e4, one_sided=True, restitution_1=1.0)
