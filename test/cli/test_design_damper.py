@@ -139,8 +139,8 @@ def test_a_frequency_range_goes_both_ways(design_at):
 )
 def test_which_damper_is_better_here(restitution, words, capsys):
     """A mass damper tuned to the one sine leaves least of all, and most beside it."""
-    words = ['--mass-ratio', '5%', '--levels', '1:1', '--restitution', restitution]
-    assert main([*STRUCTURE, *words]) == 0
+    options = ['--mass-ratio', '5%', '--levels', '1:1', '--restitution', restitution]
+    assert main([*STRUCTURE, *options]) == 0
     text = ' '.join(capsys.readouterr().out.split())
     sizes = re.findall(
         r"(from rest|Den Hartog's ζ [\d.]+ %|tuned to 10 Hz ζ 0.5 %) ([\d.]+) (.m) ([\d.]+) (.m)",
