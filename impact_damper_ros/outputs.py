@@ -41,7 +41,7 @@ _LONGEST_NAME = 255
 _STREAMS = ('/dev/stdout', '/dev/stderr', '/dev/fd/', '/proc/self/fd/')
 
 
-def explained(error: OSError) -> tuple[str, str]:
+def explain(error: OSError) -> tuple[str, str]:
     """Return the cause of a failed system call, and the remedy if there is one."""
     return _CAUSES.get(error.errno or 0, (error.strerror or str(error), ''))
 
@@ -53,7 +53,7 @@ def in_words(error: OSError, path: Path | None = None) -> str:
             path = Path.cwd()
         except OSError:
             return 'the current directory no longer exists: change to one that does'
-    cause, remedy = explained(error)
+    cause, remedy = explain(error)
     where = error.filename or path or 'the standard output'
     return f'cannot write {where}: {cause}' + (f': {remedy}' if remedy else '')
 

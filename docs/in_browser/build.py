@@ -51,7 +51,7 @@ LEFT_OUT = {
         *('_may_compile', 'measure', 'state', 'law', 'own_law', 'snapshot', 'restore', 'resume'),
         *('drive', '_reason', 'stops', 'energies'),
     },
-    'Control': {'as_dict', 'restored', 'unpacked'},
+    'Control': {'as_dict', 'restore', 'unpack'},
     'RunTables': {'room', 'wrote', 'events'},
     'PeriodicOrbit': {'as_dict', 'mirrored', '__repr__'},
     'Source': {'news', 'tick', 'frame', 'handle', 'close'},

@@ -209,7 +209,7 @@ class BagFile:
     def _note_metadata(self, writer: Writer, file: FileInformation, counts: Sequence[int]) -> None:
         """Write the metadata of a file into it, as if it were a bag of its own."""
         metadata = BagMetadata((file,), self.channels, tuple(counts), self.custom, self._distro)
-        writer.add_metadata('rosbag2', {'serialized_metadata': metadata.serialized()})
+        writer.add_metadata('rosbag2', {'serialized_metadata': metadata.yaml_text()})
 
     def add(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from impact_damper_ros.outputs import explained
+from impact_damper_ros.outputs import explain
 from impact_damper_ros.parameters.quoting import as_line
 
 
@@ -42,4 +42,4 @@ class RecordingError(Exception):
     @classmethod
     def from_os_error(cls, attempt: str, path: Path | str, error: OSError) -> RecordingError:
         """Return the error for a failed system call."""
-        return cls(attempt, path, *explained(error))
+        return cls(attempt, path, *explain(error))

@@ -142,7 +142,7 @@ class McapFile:
         self._statistics: Statistics | None = None
         self._faults: list[str] = []
         try:
-            with self.opened() as stream:
+            with self.open() as stream:
                 self._open(stream)
                 self._count(stream)
         except OSError as error:
@@ -153,7 +153,7 @@ class McapFile:
         """Whether this package has written the file."""
         return self.library.startswith('impact_damper_ros/')
 
-    def opened(self) -> BinaryIO:
+    def open(self) -> BinaryIO:
         """Return the open file, for `read`."""
         return open_file(self.path)
 
@@ -455,10 +455,10 @@ def _expanded_chunk(content: bytes, block: Block) -> tuple[bytes, str]:
         compression, packed = content[_CHUNK.size : begin].decode(), content[begin + 8 :]
     if size > LARGEST:
         raise ValueError(f'{size} bytes are declared; at most {LARGEST} are read')
-    records, fault = _expanded(compression, packed, size, _PIECE)
+    records, fault = _expand(compression, packed, size, _PIECE)
     if fault and len(records) < size:
         # What comes before the damage
-        records, fault = _expanded(compression, packed, size, 1)
+        records, fault = _expand(compression, packed, size, 1)
     if len(records) > size:
         raise ValueError(f'more than the {size} bytes declared')
     if len(records) != size:
@@ -468,7 +468,7 @@ def _expanded_chunk(content: bytes, block: Block) -> tuple[bytes, str]:
     return records, fault
 
 
-def _expanded(compression: str, packed: bytes, size: int, step: int) -> tuple[bytes, str]:
+def _expand(compression: str, packed: bytes, size: int, step: int) -> tuple[bytes, str]:
     """Return what is compressed, to little more than `size` bytes, and the damage that ends it."""
     pieces, length = [], 0
     try:

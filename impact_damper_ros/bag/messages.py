@@ -289,7 +289,7 @@ def header_ns(content: bytes) -> int:
     return int(seconds) * _NS_PER_S + int(nanoseconds)
 
 
-def restamped(content: bytes, stamp_ns: int) -> bytes:
+def with_stamp(content: bytes, stamp_ns: int) -> bytes:
     """Return an encoded message that begins with its stamp with another stamp."""
     return content[:_STAMP_AT] + _STAMP.pack(*divmod(stamp_ns, _NS_PER_S)) + content[_STAMP_END:]
 
@@ -349,7 +349,7 @@ class JointStateLayout:
         zeros = [(0.0,) * count for count in counts]
         return cls(encode(JointState(0, frame_id, tuple(names), *zeros)))
 
-    def filled(
+    def fill(
         self,
         stamp_ns: int,
         positions: Sequence[float],

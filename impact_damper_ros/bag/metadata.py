@@ -102,7 +102,7 @@ class BagMetadata:
             'ros_distro': self.distro or os.environ.get('ROS_DISTRO') or 'jazzy',
         }
 
-    def serialized(self) -> str:
+    def yaml_text(self) -> str:
         """Return the YAML for the MCAP file itself."""
         return dump_yaml(self.as_mapping())
 

@@ -161,7 +161,7 @@ class _Copy:
         self.left_out: list[str] = []
 
     def add_file(self, file: McapFile) -> None:
-        with file.opened() as stream:
+        with file.open() as stream:
             for block in file.blocks:
                 messages, fault = file.read(stream, block)
                 saved = sum(self._add(file, message) for message in messages)

@@ -188,14 +188,16 @@ class RigRecorder(Observer):
         ticks = takewhile(lambda tick: tick <= self._last, count(self._due))
         return (self._grid.instant(tick) / 1e9 for tick in ticks)
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         """Record the joint states if a tick is due at the instant, s, that the rig has reached."""
         if instant == self.due:
             self._tick()
 
-    def changed(self, time_ns: int, values: Mapping[str, Any], events: Iterable[Event]) -> None:
+    def take_change(
+        self, time_ns: int, values: Mapping[str, Any], events: Iterable[Event]
+    ) -> None:
         """
-        Record a change of parameters, after the rig was changed and before `reached`.
+        Record a change of parameters, after the rig was changed and before `look_at`.
 
         Parameters
         ----------
@@ -211,19 +213,19 @@ class RigRecorder(Observer):
         self._snapshots.change(self._values, values)
         self._values |= values
         self._write('parameter_events', parameter_event(time_ns, self._node, values), time_ns)
-        self.happened(events)
+        self.take_events(events)
         self._describe(time_ns)
         self._snapshot('change', time_ns)
 
     def reset(self, time_ns: int, initial: Mapping[str, Any], events: Iterable[Event]) -> None:
-        """Record a reset to initial conditions as `changed` records a change."""
+        """Record a reset to initial conditions as `take_change` records a change."""
         if self._due > self._last:
             return
         self._snapshots.reset(initial)
-        self.happened(events)
+        self.take_events(events)
         self._snapshot('reset', time_ns)
 
-    def happened(self, events: Iterable[Event]) -> None:
+    def take_events(self, events: Iterable[Event]) -> None:
         """
         Record the impacts and the acts of the gap control of the rig's last call.
 

@@ -192,30 +192,30 @@ class RigMessages:
 
     def states(self, stamp_ns: int, sample: Sample, deflection: float, angle: float) -> bytes:
         """Return the joint states of a sample; see `state_numbers`."""
-        return self._states.filled(stamp_ns, *state_numbers(sample, deflection, angle))
+        return self._states.fill(stamp_ns, *state_numbers(sample, deflection, angle))
 
     def paused_states(
         self, stamp_ns: int, sample: Sample, deflection: float, angle: float
     ) -> bytes:
         """Return the joint states that a paused rig repeats."""
-        return self._paused.filled(stamp_ns, *state_numbers(sample, deflection, angle))
+        return self._paused.fill(stamp_ns, *state_numbers(sample, deflection, angle))
 
     def measurement(
         self, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]
     ) -> bytes:
         """Return what the sensors see of `AXIS_JOINTS`: X, and the others in M."""
-        return self._measurement.filled(stamp_ns, positions, velocities)
+        return self._measurement.fill(stamp_ns, positions, velocities)
 
     def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:
         """Return the message of an impact; see `impact_numbers`."""
         after = event.primary_velocity_after, event.damper_velocity_after
         impulse = event.impulse if event.stop == 1 else -event.impulse
         parts = impact_numbers(event.x, event.y, after, impulse, deflection)
-        return self._impacts[event.stop].filled(stamp_ns, *parts)
+        return self._impacts[event.stop].fill(stamp_ns, *parts)
 
     def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
         """Return the message of an act of the gap control; see `ControlRecord.numbers`."""
-        return self._control[record.action].filled(stamp_ns, *record.numbers)
+        return self._control[record.action].fill(stamp_ns, *record.numbers)
 
 
 def rig_nodes(services: Mapping[str, Sequence[str]]) -> list[str]:

@@ -270,7 +270,7 @@ class RunReader:
             for number, file in enumerate(self.files)
             for place, block in enumerate(file.blocks)
         )
-        wanted = [self._wanted(file, topics) for file in self.files]
+        wanted = [self._wanted_channels(file, topics) for file in self.files]
         # Messages that later blocks may still precede
         held: list[RecordedMessage] = []
         with ExitStack() as stack:
@@ -283,7 +283,7 @@ class RunReader:
                 if opened != number:
                     # One at a time: of a long run there are more than may be open.
                     stack.close()
-                    opened, stream = number, stack.enter_context(file.opened())
+                    opened, stream = number, stack.enter_context(file.open())
                 stored, fault = file.read(stream, block, channels)
                 if fault:
                     remedy = 'recover_run saves the rest of the bag'
@@ -303,7 +303,7 @@ class RunReader:
             yield from held
 
     @staticmethod
-    def _wanted(
+    def _wanted_channels(
         file: McapFile, topics: Collection[str | tuple[str, str]] | None
     ) -> dict[int, tuple[str, str]]:
         """Return name and type of the wanted channels of a file, by number."""

@@ -123,7 +123,7 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
         return write_report(comparison, directory, command=command, done=bar.update)
 
 
-def _scored(arguments: argparse.Namespace) -> int:
+def _score_recordings(arguments: argparse.Namespace) -> int:
     """Score recordings, and write what was asked for."""
     from impact_damper_ros.compare.score import score_run
     from impact_damper_ros.report.score_report import score_figure, score_table, score_text
@@ -152,7 +152,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             need_matplotlib()
             check_directory(arguments.report)
         if arguments.score:
-            return _scored(arguments)
+            return _score_recordings(arguments)
         found = _each(arguments, 'compare', compare_run)
         write_json(arguments.json, found[0] if len(found) == 1 else {'runs': found})
         stream = text_stream(arguments.json)

@@ -199,18 +199,20 @@ def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
         raise CommandError(MISSING_ROS)
     from impact_damper_ros.bag.topic_columns import TYPES
     from impact_damper_ros.fit.recorded_motion import beside
-    from impact_damper_ros.node.topic_listener import TopicError, listened
+    from impact_damper_ros.node.topic_listener import TopicError, listen
 
     seconds, topic = arguments.seconds or 20.0, arguments.topic
     more = [beside(topic, name) for name in ('snapshot', 'impacts')]
     try:
         with progress_bar('listened', seconds, 's') as bar:
-            return [*listened(topic, more, TYPES, seconds, lambda s: bar.update(s - bar.n))]
+            return [*listen(topic, more, TYPES, seconds, lambda s: bar.update(s - bar.n))]
     except TopicError as error:
         raise CommandError(str(error)) from error
 
 
-def _recorded(arguments: argparse.Namespace, options: ReadingOptions) -> TopicMessages | None:
+def _recorded_messages(
+    arguments: argparse.Namespace, options: ReadingOptions
+) -> TopicMessages | None:
     """Return the messages of a live topic, or of that of a bag; None for a file of columns."""
     from impact_damper_ros.fit.recorded_motion import TopicMessages, bag_messages, is_bag
 
@@ -258,7 +260,7 @@ def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters 
     saturation = arguments.saturation
     options = _options(arguments)
     try:
-        data, rig = _read(arguments, options, _recorded(arguments, options))
+        data, rig = _read(arguments, options, _recorded_messages(arguments, options))
     except OSError as error:
         name = error.filename or arguments.data
         raise CommandError(
@@ -311,7 +313,7 @@ def _look(arguments: argparse.Namespace) -> int:
     from impact_damper_ros.report.look_figure import look_figure, message_columns, raw_columns
 
     options, problem, data = _options(arguments), None, None
-    recorded = _recorded(arguments, options)
+    recorded = _recorded_messages(arguments, options)
     if recorded is None:
         columns = raw_columns(arguments.data, options)
     else:

@@ -137,7 +137,7 @@ def _what_if(
     return what_if, RunPair(replay.start, what_if, {**held, **held_initial}, drawn=drawn)
 
 
-def _replayed(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int, Any, str]:
+def _replay(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int, Any, str]:
     """Replay a run and write its tables; return the exit code, the result and a text."""
     replay, span = Replay(recorded), recorded.reader.span
     with ExitStack() as stack:
@@ -200,7 +200,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         check_outputs(arguments, arguments.bag)
-        done = [_replayed(arguments, recorded) for recorded in _runs(arguments)]
+        done = [_replay(arguments, recorded) for recorded in _runs(arguments)]
         codes, results, texts = zip(*done, strict=True)
         write_json(arguments.json, results[0] if len(done) == 1 else {'runs': results})
         if not arguments.quiet:

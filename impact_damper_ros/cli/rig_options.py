@@ -52,7 +52,7 @@ class GivenRig(NamedTuple):
     #: Its law and its records by name and text, as ``control_law``, if it has them
     texts: Mapping[str, str] = MappingProxyType({})
 
-    def changed(self, values: Mapping[str, Any]) -> GivenRig:
+    def with_changes(self, values: Mapping[str, Any]) -> GivenRig:
         """Return the rig with some of its parameters changed, all at once."""
         return self._replace(
             parameters=self.parameters.replace(**_among(values, RIG_SPECS)),
@@ -188,7 +188,7 @@ def overridden(settings: Sequence[str], given: GivenRig, *, with_control: bool =
     """Apply ``--set`` options to a rig, all at once."""
     control = GAP_CONTROL_SPECS if with_control else ('gap_control',)
     names = [*RIG_SPECS, *INITIAL_SPECS, *control]
-    changed = given.changed(values_of(settings, names))
+    changed = given.with_changes(values_of(settings, names))
     changed.initial.check_within(changed.parameters)
     return changed
 
@@ -263,7 +263,7 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
         option = f'--change at {time_ns / 1e9:.9g} s: '
         values = values_of([c for _, c in group], [*RIG_SPECS, *GAP_CONTROL_SPECS], option)
         try:
-            given = given.changed(values)
+            given = given.with_changes(values)
         except ParameterError as error:
             raise ValueError(f'{option}{error}') from error
         every = {**given.parameters.as_dict(), **given.control.as_dict()}

@@ -63,7 +63,7 @@ class RunSummary(Observer):
         """Yield the instants at which X is looked at, near the end."""
         return (self._from + k * self._look for k in count())
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         """Count events and commands."""
         self._counts.update(event.kind for event in events)
         self._commands += sum(act.action is Action.COMMAND for act in self._rig.records)
@@ -72,12 +72,14 @@ class RunSummary(Observer):
         if self._begin is not None:
             self._passed += events
 
-    def changed(self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]) -> None:
+    def take_change(
+        self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]
+    ) -> None:
         """Measure the transmissibility from here on."""
-        super().changed(time_ns, values, events)
+        super().take_change(time_ns, values, events)
         self._begin = None
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         """Look at the motion."""
         if instant >= self._from:
             sample = self._rig.sample()

@@ -216,7 +216,7 @@ def ros_node(name: str) -> Iterator[Any]:
         rclpy.try_shutdown()
 
 
-def listed(names: Iterable[str], values: Mapping[str, Any]) -> str:
+def parameter_list(names: Iterable[str], values: Mapping[str, Any]) -> str:
     """Return a table of some parameters of a rig with values, units, ranges and usual ranges."""
     columns = [Column(t, 'text') for t in ('parameter', 'value', 'unit', 'range', 'usual range')]
     rows = [
@@ -230,7 +230,7 @@ def listed(names: Iterable[str], values: Mapping[str, Any]) -> str:
 _LEVELS = 'OK', 'WARN', 'ERROR', 'STALE'
 
 
-def reported(statuses: Sequence[DiagnosticStatus]) -> str:
+def status_lines(statuses: Sequence[DiagnosticStatus]) -> str:
     """Return some statuses of the diagnostics in a line each."""
     rows = [(s.name, _LEVELS[s.level], s.message) for s in statuses]
     columns = [Column(title, 'text') for title in ('status', 'level', 'message')]
@@ -242,7 +242,7 @@ def watch(node: Any, name: str) -> None:
     reports = Reports(node, name)
     while True:
         for statuses in reports.take():
-            print(printable(reported(statuses)), end='\n\n', flush=True)
+            print(printable(status_lines(statuses)), end='\n\n', flush=True)
         # Python looks for a signal in between.
         time.sleep(0.1)
 
@@ -265,7 +265,7 @@ def _set(arguments: argparse.Namespace) -> int:
             if waits := rig.set(given):
                 say('set_rig', waits)
             present = rig.values()
-        print(listed(given or present, present))
+        print(parameter_list(given or present, present))
         # A note that held before is not repeated at each change of something else
         if (note := _unit_note(present)) and note != known:
             say('set_rig', f'note: {note}')

@@ -74,7 +74,7 @@ def with_sweep_levels(arguments: argparse.Namespace, given: GivenRig) -> GivenRi
         values[f'{group}_{part}'] = getattr(rig, f'{group}_{part}')[:1]
     if group == 'base':
         values['force_amplitudes'] = (0.0,) * len(rig.force_amplitudes)
-    return given.changed(values)
+    return given.with_changes(values)
 
 
 def with_random_lines(
@@ -90,7 +90,7 @@ def with_random_lines(
             seed = int(arguments.seed) + len(found) * 2**31
             found.append(random_lines(path, int(arguments.psd_lines), seed, quantity))
             values |= found[-1].values()
-    return given.changed(values) if found else given, found
+    return given.with_changes(values) if found else given, found
 
 
 def add_record_options(parser: argparse.ArgumentParser) -> None:

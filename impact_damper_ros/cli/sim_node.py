@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
-from impact_damper_ros.node.usage import answered
+from impact_damper_ros.node.usage import answer
 from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.parameters.quoting import shown
 
@@ -34,7 +34,7 @@ def _missing(words: Sequence[str]) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node."""
     words = sys.argv[1:] if argv is None else argv
-    if answered(words):
+    if answer(words):
         return outcome('sim_node', lambda: 0)
     if missing := _missing(words):
         say('sim_node', missing)

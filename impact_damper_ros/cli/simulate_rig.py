@@ -239,7 +239,7 @@ class _Progress(Observer):
     def __init__(self, rig: Rig, bar: Any) -> None:
         self._rig, self._bar, self._events = rig, bar, 0
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         self._events += len(events)
         self._bar.set_postfix_str(f'{self._events} events', refresh=False)
         self._bar.update(self._rig.time - self._bar.n)
@@ -251,7 +251,7 @@ class _ImpactTable(Observer):
     def __init__(self, table: CsvTable) -> None:
         self._table = table
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         self._table.write(impact_rows(events))
 
 
@@ -263,11 +263,13 @@ class _EventTable(Observer):
         # Before the events to come
         self._sweep = rig.sweep
 
-    def changed(self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]) -> None:
+    def take_change(
+        self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]
+    ) -> None:
         self._sweep = self._rig.sweep
-        super().changed(time_ns, values, events)
+        super().take_change(time_ns, values, events)
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         parameters = self._rig.parameters
         for event in events:
             if event.kind is EventKind.FREQUENCY_STEP:
@@ -286,7 +288,7 @@ class _StateTable(Observer):
     def ticks(self) -> Iterator[float]:
         return (k / self._rate for k in count())
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         if instant == self._written / self._rate:
             self._table.write(row((*self._rig.sample(), *self._rig.drive())))
             self._written += 1
@@ -352,9 +354,11 @@ def _simulate(
             run(rig, duration, observers, changes, arguments.most_events)
     except RunawayError as error:
         report(whole=False)
-        raise CommandError(f'{error}{ALLOW_MORE}; {_kept(arguments)}', EXIT_FAILED) from error
+        raise CommandError(
+            f'{error}{ALLOW_MORE}; {_place_of_output(arguments)}', EXIT_FAILED
+        ) from error
     except LawError as error:
-        raise CommandError(f'{error}; {_kept(arguments)}') from error
+        raise CommandError(f'{error}; {_place_of_output(arguments)}') from error
     report(whole=True)
     if sampled is not None:
         shaken = sampled.response()
@@ -426,7 +430,7 @@ def _check_size(arguments: argparse.Namespace) -> None:
         )
 
 
-def _kept(arguments: argparse.Namespace) -> str:
+def _place_of_output(arguments: argparse.Namespace) -> str:
     """Return where the output of a run that ends early is."""
     tables = [arguments.impacts, arguments.events, arguments.states]
     files = [path for path in tables if path is not None and str(path) != '-']
@@ -467,7 +471,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
             shakers: list[RandomLines | MeasuredRecord] = [*random, *records]
             for shaker in shakers:
-                say('simulate_rig', shaker.described())
+                say('simulate_rig', shaker.description())
             beside = records or arguments.base_psd is not None
             if beside and arguments.force_psd is None and any(given.parameters.force_amplitudes):
                 say(
@@ -481,7 +485,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise CommandError(str(error), EXIT_FAILED) from error
         return 0
 
-    return outcome('simulate_rig', work, f'interrupted; {_kept(arguments)}')
+    return outcome('simulate_rig', work, f'interrupted; {_place_of_output(arguments)}')
 
 
 if __name__ == '__main__':

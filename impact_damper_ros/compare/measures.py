@@ -109,11 +109,11 @@ def motion_curve(stretch: RecordedStretch, start: float, cycle: float) -> Motion
     for name in ('stop_1', 'stop_2'):
         place = samples[name] - samples['x']
         absent = not len(samples) or (name == 'stop_2' and stretch.parameters.one_sided)
-        stops.append(np.full(len(time), np.nan) if absent else _held(time, samples, place))
+        stops.append(np.full(len(time), np.nan) if absent else _last_values(time, samples, place))
     return MotionCurve(time, x, velocity, y, relative, *stops)
 
 
-def _held(time: Array, samples: Samples, values: Array) -> Array:
+def _last_values(time: Array, samples: Samples, values: Array) -> Array:
     """Return the values of the samples up to some instants."""
     index = np.searchsorted(samples['time'], time, side='right') - 1
     found: Array = values[np.clip(index, 0, None)]

@@ -159,7 +159,7 @@ class ResponseSamples(Observer):
         """Yield the instants of the samples, s."""
         return (self._start + k * self._step for k in range(self.periods * self._each))
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         """Take a sample."""
         if instant == self._next and len(self._taken) < self.periods * self._each:
             sample = self._rig.sample()

@@ -59,7 +59,7 @@ class RecordSamples(Observer):
         """Yield the instants of the samples, s."""
         return iter(self._instants)
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         """Take a sample."""
         taken = len(self._taken)
         if taken < len(self._instants) and instant == self._instants[taken]:

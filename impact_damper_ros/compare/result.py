@@ -116,7 +116,7 @@ class Overall:
     largest_impulse: float
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
+    def join(cls, parts: Sequence[Self]) -> Self:
         """Return the same over several stretches: sums, the largest |X|, the common rms."""
         # What is not known of one stretch takes no part.
         known = [part for part in parts if not math.isnan(part.x_rms)]
@@ -298,7 +298,7 @@ class LoggedStretch:
     control: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def logged(self) -> LoggedStretch:
+    def recorded_part(self) -> LoggedStretch:
         """The stretch without anything else that is known of it."""
         return LoggedStretch(**{f.name: getattr(self, f.name) for f in fields(LoggedStretch)})
 
@@ -434,7 +434,7 @@ class RunComparison:
     def overall(self) -> Overall | None:
         """Largest |X|, impacts and energy over all stretches; None if no stretch has them."""
         parts = [s.overall for s in self.stretches if s.overall is not None]
-        return Overall.joined(parts) if parts else None
+        return Overall.join(parts) if parts else None
 
     def as_dict(self) -> dict[str, Any]:
         """Return all but the curves in types of JSON; numbers that are not finite become None."""

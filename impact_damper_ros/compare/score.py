@@ -133,7 +133,7 @@ class _History:
         self.begins: tuple[float, ...] = ()
         self.compiled = False
 
-    def recorded(self, parts: Iterable[Part]) -> Iterator[Part]:
+    def recorded_parts(self, parts: Iterable[Part]) -> Iterator[Part]:
         """Yield the parts of the recorded run, and keep what was done in them."""
         for part in parts:
             if len(part.samples) or part.command is not None or part.before:
@@ -150,8 +150,8 @@ class _History:
         return list(stretches.of(map(other.follow, self._parts)))
 
 
-def _joined(stretches: Sequence[RecordedStretch]) -> Overall:
-    return Overall.joined([stretch.overall for stretch in stretches])
+def _overall_of(stretches: Sequence[RecordedStretch]) -> Overall:
+    return Overall.join([stretch.overall for stretch in stretches])
 
 
 def score_run(
@@ -172,7 +172,7 @@ def score_run(
     found = Stretches(replay.start.state, replay.period)
     history = _History(replay.start)
     stretches = []
-    for stretch in found.of(history.recorded(replay)):
+    for stretch in found.of(history.recorded_parts(replay)):
         progress(_REPLAYED * min(1.0, max(0.0, stretch.end - replay.start.time) / span))
         stretches.append((stretch, settling_time(stretch), amplitudes(stretch)))
     if not stretches:
@@ -198,7 +198,7 @@ def score_run(
 
     def within(others: Sequence[RecordedStretch], stretch: RecordedStretch) -> Overall:
         """Return what adds up in another run from the begin to the end of a stretch."""
-        return _joined([one for one in others if stretch.start <= one.start < stretch.end])
+        return _overall_of([one for one in others if stretch.start <= one.start < stretch.end])
 
     scores = tuple(
         Score(
@@ -221,7 +221,7 @@ def score_run(
         scores,
         Score(
             *(parts[0].start, parts[-1].end, '', laws, None),
-            *(_joined(run) for run in (parts, fixed, alone)),
+            *(_overall_of(run) for run in (parts, fixed, alone)),
         ),
         findings.difference_count,
         tuple(findings.faults),

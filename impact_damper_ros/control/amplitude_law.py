@@ -59,12 +59,16 @@ def correct_places(control: Control, seen: Measurement) -> None:
     limit_2 = reach_limit(search.missed_2, search.reach_2)
     early_1 = seen.time - estimates.hit_time_1
     early_2 = seen.time - estimates.hit_time_2
-    law.place_1 = corrected(control, law.place_1, growth, early_1, estimates.hit_speed_1, limit_1)
-    law.place_2 = corrected(control, law.place_2, growth, early_2, estimates.hit_speed_2, limit_2)
+    law.place_1 = corrected_place(
+        control, law.place_1, growth, early_1, estimates.hit_speed_1, limit_1
+    )
+    law.place_2 = corrected_place(
+        control, law.place_2, growth, early_2, estimates.hit_speed_2, limit_2
+    )
 
 
 @kernel
-def corrected(
+def corrected_place(
     control: Control, place: float, growth: float, early: float, speed: float, limit: float
 ) -> float:
     """Return the new place of a stop: `early` is NaN if m has not hit it; `speed` is that of m."""

@@ -27,7 +27,7 @@ from .sensors import (
     mixed_seed,
     note_crossing,
     observe_sample,
-    rounded,
+    quantised_value,
     sensor_noise,
 )
 from .state import (
@@ -100,7 +100,7 @@ def packed_control(control: Control) -> Control:
     )
 
 
-def switched(before: Control, settings: ControlSettings, time: float) -> Control:
+def with_new_settings(before: Control, settings: ControlSettings, time: float) -> Control:
     """Return the control that continues with other parameters."""
     old, control = before.settings, before._replace(settings=settings)
     if settings.law == 0:
@@ -198,7 +198,7 @@ def forget_all(control: Control) -> None:
 
 
 @kernel(inline=True)
-def measured(
+def sensor_sample(
     settings: ControlSettings,
     estimates: Estimates,
     index: int,
@@ -228,10 +228,10 @@ def measured(
         shift = fault_shift(settings.sensor_fault, settings.seed, index)
         x += settings.sensor_fault_size * shift
         y += settings.sensor_fault_size * shift
-    x = rounded(x, settings.gap_control_resolution_position)
-    y = rounded(y, settings.gap_control_resolution_position)
-    x_rate = rounded(x_rate, settings.gap_control_resolution_velocity)
-    y_rate = rounded(y_rate, settings.gap_control_resolution_velocity)
+    x = quantised_value(x, settings.gap_control_resolution_position)
+    y = quantised_value(y, settings.gap_control_resolution_position)
+    x_rate = quantised_value(x_rate, settings.gap_control_resolution_velocity)
+    y_rate = quantised_value(y_rate, settings.gap_control_resolution_velocity)
     return Measurement(time, x, x_rate, y, y_rate, stop_1, stop_2)
 
 

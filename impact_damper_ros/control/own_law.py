@@ -193,7 +193,7 @@ class OwnLaw:
             f'{p.gap_min:g} m, above the second, or NaN to leave a stop alone'
         )
 
-    def refused(self, control: Control) -> LawError:
+    def refusal(self, control: Control) -> LawError:
         """Return the error of a result that the loop refused."""
         refusal, actuators = control.refusal, control.actuators
         if refusal.stop_1 == inf and refusal.stop_2 != refusal.stop_2:

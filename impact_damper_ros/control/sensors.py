@@ -107,7 +107,7 @@ _WHOLE = 4503599627370496.0
 
 
 @kernel(inline=True)
-def rounded(value: float, step: float) -> float:
+def quantised_value(value: float, step: float) -> float:
     """Return a value in whole steps, or as it is if they are none or finer than its digits."""
     if not step > 0.0:
         return value

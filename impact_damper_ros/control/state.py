@@ -477,11 +477,11 @@ class Control(NamedTuple):
         self.actuators.first, self.actuators.waiting = 0, len(rows)
         return self._replace(commands=rows + [Command() for _ in range(empty)])
 
-    def enlarged(self) -> Control:
+    def with_more_room(self) -> Control:
         """Return the same control with more room for commands."""
         return self._with_waiting(self.waiting)
 
-    def unpacked(self, rows: Any) -> Control:
+    def unpack(self, rows: Any) -> Control:
         """Return this control in the state of one that was `packed`."""
         for name, part in self.states().items():
             unpack(getattr(rows, name)[0], part)
@@ -492,7 +492,7 @@ class Control(NamedTuple):
         """Return the states that kernels change."""
         return {name: getattr(self, name) for name in ('controller', *PARTS, 'refusal')}
 
-    def copied(self) -> Control:
+    def copy(self) -> Control:
         """Return the same control in a state of its own; rows without a command are shared."""
         rows, first = list(self.commands), self.actuators.first
         for k in range(first, first + self.actuators.waiting):
@@ -508,7 +508,7 @@ class Control(NamedTuple):
         stored['actuators']['waiting'] = list(map(as_stored, self.waiting))
         return stored
 
-    def restored(self, stored: dict[str, Any]) -> Control:
+    def restore(self, stored: dict[str, Any]) -> Control:
         """Return a control in the state of an `as_dict`."""
         own = {name: stored[name] for name in _OWN_FIELDS}
         parts: dict[str, Any] = {n: read_stored(PARTS[n], stored[n]) for n in PARTS}

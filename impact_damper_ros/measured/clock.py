@@ -38,7 +38,7 @@ def last_digit(times: Array, factor: float) -> float:
     return size
 
 
-def rounded(times: Array, digit: float) -> Array | None:
+def rounded_interval(times: Array, digit: float) -> Array | None:
     """Return equal intervals that times are, rounded to a digit; None if they are not these."""
     steps = np.diff(times)
     if len(steps) < 2 or not np.isfinite(times).all() or not (steps >= 0.0).all():

@@ -68,11 +68,11 @@ def read_sheet(path: Path) -> Sheet:
             ) from None
     content = content_of(path)
     if kind == '.zip':
-        content = _unpacked(source, content)
+        content = _unpack(source, content)
     return text_sheet(source, content)
 
 
-def _unpacked(source: str, content: bytes) -> bytes:
+def _unpack(source: str, content: bytes) -> bytes:
     """Return the one table of a phone's export."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

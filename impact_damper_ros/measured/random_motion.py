@@ -69,7 +69,7 @@ class RandomLines(NamedTuple):
         }
         return lines if group == 'force' else {**lines, 'base_quantity': self.quantity}
 
-    def described(self) -> str:
+    def description(self) -> str:
         """Return band, level and period in words."""
         low, high = (rate / math.tau for rate in (self.frequencies[0], self.frequencies[-1]))
         unit, factor = ('g', STANDARD_GRAVITY) if self.quantity != 'force' else ('N', 1.0)

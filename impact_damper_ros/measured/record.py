@@ -87,7 +87,7 @@ class MeasuredRecord(NamedTuple):
     def of_copy(cls, copy: Mapping[str, Any]) -> MeasuredRecord:
         """Return the record that texts are a copy of; raise a ValueError if there is none."""
         try:
-            texts = {key: _expanded(copy[key]) for key in ('times', 'values')}
+            texts = {key: _expand(copy[key]) for key in ('times', 'values')}
             times, values = (
                 np.array([float(number) for number in text.split(',')]) for text in texts.values()
             )
@@ -119,7 +119,7 @@ class MeasuredRecord(NamedTuple):
         starts = [0.0, *middles.tolist(), self.duration]
         return starts, [*self.values.tolist(), 0.0]
 
-    def described(self) -> str:
+    def description(self) -> str:
         """Return the record in words."""
         unit, factor, what = 'N', 1.0, 'force'
         if self.quantity == BASE_RECORD:
@@ -139,7 +139,7 @@ def _too_large(values: Array) -> int | None:
     return int(wrong[0]) if len(wrong) else None
 
 
-def _expanded(packed: str) -> str:
+def _expand(packed: str) -> str:
     """Return a text that was compressed, unless it is too long."""
     expander = zlib.decompressobj()
     content = expander.decompress(base64.b85decode(packed), _LONGEST_COPY)

@@ -137,7 +137,7 @@ class Sheet(NamedTuple):
         left = [h.title for n, h in enumerate(self.headings) if n not in without]
         return ', '.join(map(shown, left[:20])) + (' ...' if len(left) > 20 else '')
 
-    def described(self, places: Mapping[str, int]) -> str:
+    def columns_text(self, places: Mapping[str, int]) -> str:
         """Return which columns are used, and which are not."""
         named = [key for key in places if not key.startswith('time of ')]
         order = sorted(named, key=lambda key: key != 'time')
@@ -168,7 +168,7 @@ class Choice(NamedTuple):
 CLOCK = re.compile(r'\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4}|\d{1,3}:\d\d|\d+ days')
 
 
-def _known(sheet: Sheet, place: int, quantity: Quantity) -> tuple[str, float] | None:
+def _unit_and_factor(sheet: Sheet, place: int, quantity: Quantity) -> tuple[str, float] | None:
     """Return SI unit and factor of a column as a quantity; None if it is not one."""
     head = sheet.headings[place]
     if head.si is not None and head.si[0] in quantity.units:
@@ -183,7 +183,7 @@ def _known(sheet: Sheet, place: int, quantity: Quantity) -> tuple[str, float] | 
     return (quantity.units[0], 1.0) if quantity.bare and head.unit is None else None
 
 
-def _named(sheet: Sheet, key: str, column: str) -> int:
+def _place_of(sheet: Sheet, key: str, column: str) -> int:
     """Return the place of the column that was named, by its header, name or number."""
     words = column.strip().casefold()
     heads = [*enumerate(sheet.headings)]
@@ -219,15 +219,15 @@ def choose(
     column with the word of a quantity may have the unit of another one.
     """
     if column:
-        place = _named(sheet, key, column)
-        given = unit_of(unit) if unit else _known(sheet, place, quantity)
+        place = _place_of(sheet, key, column)
+        given = unit_of(unit) if unit else _unit_and_factor(sheet, place, quantity)
         if given is None or given[0] not in quantity.units:
             raise _unusable(sheet, key, quantity, place)
         return Choice(place, *given)
     usable = [
         Choice(n, *si)
         for n in range(len(sheet.headings))
-        if n not in without and (si := _known(sheet, n, quantity)) is not None
+        if n not in without and (si := _unit_and_factor(sheet, n, quantity)) is not None
     ]
     worded = [c for c in usable if sheet.headings[c.place].has_word_of(quantity)]
     of_unit = [c for c in usable if sheet.headings[c.place].unit is not None]

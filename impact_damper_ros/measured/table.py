@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.parameters.quoting import shown
 
-from .clock import last_digit, missing_samples, rounded
+from .clock import last_digit, missing_samples, rounded_interval
 from .formats import read_sheet
 from .sheet import Array, Choice, Quantity, Sheet, TableError, choose
 
@@ -109,7 +109,7 @@ class MeasuredTable(NamedTuple):
         """
         column = self.columns['time']
         digit = last_digit(column.values, column.factor)
-        if (even := rounded(column.values, digit)) is not None:
+        if (even := rounded_interval(column.values, digit)) is not None:
             column = column._replace(values=even)
             return self._replace(columns={**self.columns, 'time': column}), 0.0
         self.check_rising('time')
@@ -164,7 +164,7 @@ def table_of(sheet: Sheet, choices: Mapping[str, Choice]) -> MeasuredTable:
         for (key, choice), values in zip(choices.items(), numbers, strict=True)
     }
     places = {key: choice.place for key, choice in choices.items()}
-    return MeasuredTable(sheet.source, columns, lines, sheet.described(places))
+    return MeasuredTable(sheet.source, columns, lines, sheet.columns_text(places))
 
 
 def check_whole(table: MeasuredTable, digit: float) -> None:

@@ -124,7 +124,7 @@ def _split_row(line: str, delimiter: str) -> list[str]:
 
 def _is_value(cell: str) -> bool:
     known = not isinstance(_number(cell), str) or _TIME_OF_DAY.fullmatch(cell)
-    return bool(known or _grouped(cell))
+    return bool(known or _ends_in_digits(cell))
 
 
 def _first_row(lines: Sequence[str]) -> int | None:
@@ -353,7 +353,11 @@ def _number(cell: str) -> float | str:
         return math.nan
     plain = cell.replace('−', '-')
     if ('.' in plain and ',' in plain) or max(plain.count(','), plain.count('.')) > 1:
-        return 'has a separator of thousands: write it without' if _grouped(plain) else _NO_NUMBER
+        return (
+            'has a separator of thousands: write it without'
+            if _ends_in_digits(plain)
+            else _NO_NUMBER
+        )
     try:
         return float(plain.replace(',', '.')) if '_' not in plain else _NO_NUMBER
     except ValueError:
@@ -363,5 +367,5 @@ def _number(cell: str) -> float | str:
 _NO_NUMBER = 'is no number'
 
 
-def _grouped(plain: str) -> bool:
+def _ends_in_digits(plain: str) -> bool:
     return plain[-1:].isdigit() and not plain.strip('0123456789+-.,')

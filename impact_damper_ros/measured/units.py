@@ -104,17 +104,17 @@ def unit_of(text: str, *, any_case: bool = True) -> tuple[str, float] | None:
     plain = _AS_ONE.get(plain.casefold(), plain)
     if plain == 'dB/oct':
         return plain, 1.0
-    found = _parsed(plain, any_case) if len(plain) <= _LONGEST else None
+    found = _parse(plain, any_case) if len(plain) <= _LONGEST else None
     if found is None or found[1] not in _SI:
         return None
     return _SI[found[1]], found[0]
 
 
-def _parsed(text: str, any_case: bool) -> tuple[float, _Dimension] | None:
+def _parse(text: str, any_case: bool) -> tuple[float, _Dimension] | None:
     """Return factor and dimension of a unit without ^."""
     if squared := _SQUARED.fullmatch(text):
-        inner = _parsed(squared[1], any_case)
-        rest = _parsed(squared[3].removeprefix('/') or 'rad', any_case)
+        inner = _parse(squared[1], any_case)
+        rest = _parse(squared[3].removeprefix('/') or 'rad', any_case)
         if inner is None or rest is None:
             return None
         power, turn = int(squared[2]), -1 if squared[3] else 0

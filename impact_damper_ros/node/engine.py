@@ -26,7 +26,7 @@ from functools import partial
 from math import tau
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from impact_damper_ros.bag.messages import String, clock_message, encode, restamped
+from impact_damper_ros.bag.messages import String, clock_message, encode, with_stamp
 from impact_damper_ros.bag.rig_topics import PAUSED_RATE, RIG_TOPICS
 from impact_damper_ros.bag.snapshots import Snapshots
 from impact_damper_ros.control.own_law import OwnLaw
@@ -259,7 +259,7 @@ class Engine:
         if (now, control) == (rig.parameters, rig.control):
             return
         was = {**rig.parameters.as_dict(), **rig.control.as_dict()}
-        events = self._altered(lambda: rig.change(now, control))
+        events = self._alter(lambda: rig.change(now, control))
         self._snapshots.move_stamps(self._stamps.offset_ns)
         self._send(events, rig.records)
         self._snapshots.change(was, {**now.as_dict(), **control.as_dict()})
@@ -277,7 +277,7 @@ class Engine:
         if self._waiting_ns is not None:
             # The base begins anew.
             self._make_rest()
-        self._altered(lambda: self._rig.reset(initial))
+        self._alter(lambda: self._rig.reset(initial))
         self._snapshots.reset(initial.as_dict())
         self._send([], [])
         self._motion.last_act = None
@@ -515,7 +515,7 @@ class Engine:
                 raise
         self._report_news()
 
-    def _altered(self, alter: Callable[[], _Result]) -> _Result:
+    def _alter(self, alter: Callable[[], _Result]) -> _Result:
         """Alter the rig; it is as it was if that fails."""
         mark = self._rig.mark()
         try:
@@ -526,7 +526,7 @@ class Engine:
 
     def _send(self, events: Sequence[Event], records: Sequence[ControlRecord]) -> None:
         """Send what a change of the rig has caused."""
-        for message in self._motion.passed(events, records, self._stamps.offset_ns):
+        for message in self._motion.messages_of(events, records, self._stamps.offset_ns):
             self._out.emit(*message)
 
     def _attend(self) -> None:
@@ -613,4 +613,4 @@ class Engine:
     def _record_event(self, event: bytes) -> None:
         stamp_ns = self.stamp_ns()
         topic = self._publishers['parameter_events'].topic
-        self._out.record(topic, restamped(event, stamp_ns), stamp_ns)
+        self._out.record(topic, with_stamp(event, stamp_ns), stamp_ns)

@@ -61,7 +61,7 @@ class MotionTrace:
                 trace._impacts.append(event)
             elif event.kind is EventKind.FREQUENCY_STEP:
                 sweep = trace._sweep.following(trace.parameters)
-                angle = trace._angle.stepped(event.time, rig_at(trace.parameters, sweep.step))
+                angle = trace._angle.after_step(event.time, rig_at(trace.parameters, sweep.step))
                 trace = MotionTrace(trace.parameters, event.time, angle, sweep)
                 first = i + 1
         # Between two ticks there may be several moves of the rig, each with many events.

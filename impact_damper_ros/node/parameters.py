@@ -86,7 +86,7 @@ class NodeParameters(NodeSettings):
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> NodeParameters:
         """Check values and fill in the defaults."""
-        start = cls().changed(values)
+        start = cls().with_changes(values)
         start.initial.check_within(start.rig)
         if start.lock_step != 'off' and not start.measurement_rate:
             raise ParameterError(
@@ -96,7 +96,7 @@ class NodeParameters(NodeSettings):
             )
         return start
 
-    def changed(self, values: Mapping[str, Any]) -> NodeParameters:
+    def with_changes(self, values: Mapping[str, Any]) -> NodeParameters:
         """Return the parameters with some of them changed, all at once."""
         changed = replace(self, **_among(SETTING_SPECS, values))
         parts: dict[str, Any] = {}
@@ -166,7 +166,7 @@ def descriptor(spec: ParameterSpec) -> Any:
     )
 
 
-def _coerced(spec: ParameterSpec, value: Any) -> Any:
+def _coerced_value(spec: ParameterSpec, value: Any) -> Any:
     """Return a value in the type of the parameter if it can be read so, else unchanged."""
     if spec.kind == 'string' and type(value) is int:
         return str(value)
@@ -177,12 +177,12 @@ def _coerced(spec: ParameterSpec, value: Any) -> Any:
     return list(checked) if isinstance(checked, tuple) else checked
 
 
-def coerced(parameter: Parameter) -> Parameter:
+def coerce(parameter: Parameter) -> Parameter:
     """Return a parameter with its value in the declared type, if it can be read so."""
     spec = ALL_SPECS.get(parameter.name)
     if spec is None or parameter.type_ in (Parameter.Type.NOT_SET, _TYPES[spec.kind]):
         return parameter
-    value = _coerced(spec, parameter.value)
+    value = _coerced_value(spec, parameter.value)
     if not _TYPES[spec.kind].check(value):
         return parameter
     return Parameter(parameter.name, _TYPES[spec.kind], value)
@@ -237,7 +237,7 @@ def parameters_from_overrides(
     if overrides.get('use_sim_time'):
         raise ParameterError('use_sim_time', USE_SIM_TIME)
     values = {
-        name: _coerced(spec, overrides[name])
+        name: _coerced_value(spec, overrides[name])
         for name, spec in {**ALL_SPECS, **STRUCTURE_SPECS}.items()
         if name in overrides
     }
@@ -247,14 +247,14 @@ def parameters_from_overrides(
     return NodeParameters.from_values(values)
 
 
-def normalised(parameters: Iterable[Parameter], rig: RigParameters) -> list[Parameter]:
+def normalise(parameters: Iterable[Parameter], rig: RigParameters) -> list[Parameter]:
     """
     Return a request in the declared types, with the other arrays of a rig resized.
 
     The unit of base amplitudes sets the quantity that they are amplitudes of.
     """
     given = list(parameters)
-    request = list(map(coerced, given))
+    request = list(map(coerce, given))
     for parameter in given:
         if parameter.name == 'base_amplitudes' and parameter.type_ is Parameter.Type.STRING:
             with suppress(ParameterError):  # refused with the reason where it is checked
@@ -281,11 +281,11 @@ def readable(
     parameters: Iterable[Parameter], now: RigParameters, has: Callable[[str], bool]
 ) -> list[Parameter]:
     """
-    Return a request as `normalised` does; ParameterError for a name or value that cannot be.
+    Return a request as `normalise` does; ParameterError for a name or value that cannot be.
 
     rclpy refuses what is unknown, fixed or out of range, too, but its reasons name no remedy.
     """
-    request = normalised(parameters, now)
+    request = normalise(parameters, now)
     for parameter in request:
         name, value = parameter.name, parameter.value
         if not has(name):
@@ -312,7 +312,7 @@ def values_in(request: Iterable[Parameter]) -> dict[str, Any]:
     return {p.name: p.value for p in request if p.name in ALL_SPECS}
 
 
-def admitted(
+def admissible_part(
     request: Sequence[Parameter], now: NodeParameters, has: Callable[[str], bool]
 ) -> tuple[list[Parameter], dict[str, str]]:
     """
@@ -322,7 +322,7 @@ def admitted(
     """
 
     def check(some: Sequence[Parameter]) -> None:
-        now.changed(values_in(readable(some, now.rig, has)))
+        now.with_changes(values_in(readable(some, now.rig, has)))
 
     reasons: dict[str, str] = {}
     while rest := [one for one in request if one.name not in reasons]:

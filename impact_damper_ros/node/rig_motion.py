@@ -72,7 +72,7 @@ class RigMotion:
         except RIG_FAILURES:
             self._rig.go_back(mark)
             raise
-        return reached_ns, self.passed(events, records, offset_ns)
+        return reached_ns, self.messages_of(events, records, offset_ns)
 
     def _move(
         self, time_ns: int, target_ns: int
@@ -91,7 +91,7 @@ class RigMotion:
         events += rig.advance(reached_ns / 1e9, MOST_IN_PERIOD)
         return reached_ns, events, [*records, *rig.records]
 
-    def passed(
+    def messages_of(
         self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
     ) -> list[OutgoingMessage]:
         """Take note of events and acts; return the messages of impacts, then those of acts."""

@@ -72,11 +72,11 @@ class RigServices:
             response, engine.ask(engine.step), 'on the way to the next joint states'
         )
         # The caller may rely on the rig being paused again; others are served meanwhile.
-        if done is not None and await self._ended(done.result):
+        if done is not None and await self._has_ended(done.result):
             self._answer(response, done.result, 'paused after a step')
         return response
 
-    async def _ended(self, step: Request) -> bool:
+    async def _has_ended(self, step: Request) -> bool:
         """Wait for the end of a step for some time; return whether it has come."""
         end = time.monotonic() + STEP_TIMEOUT_S
         step.add_done_callback(lambda _: self._wake())

@@ -67,8 +67,8 @@ from .network import Network
 from .pacing import take_priority
 from .parameters import (
     NodeParameters,
-    admitted,
-    coerced,
+    admissible_part,
+    coerce,
     descriptor,
     parameters_from_overrides,
     readable,
@@ -79,7 +79,7 @@ from .raw_subscription import RawSubscription
 from .recording import Recorder
 from .services import RigServices
 from .start_message import given_text, in_words, start_message
-from .usage import answered
+from .usage import answer
 
 
 def refuse(reason: object) -> int:
@@ -92,7 +92,7 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
     """Answer arguments that are not for ROS; None if there are none."""
     if not arguments:
         return None
-    if answered(arguments):
+    if answer(arguments):
         return 0
     return refuse(
         f'unknown argument {shown(arguments[0])}; parameters and their files follow --ros-args, '
@@ -236,7 +236,7 @@ class SimNode(Node):
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
         """Set what can be set of a list, at one instant: its order does not matter."""
         changes = [one for one in parameter_list if not self._is_fixed_at(one)]
-        together, reasons = admitted(changes, self._parameters_set, self.has_parameter)
+        together, reasons = admissible_part(changes, self._parameters_set, self.has_parameter)
         result = SetParametersResult(successful=True)
         if together:
             result = self.set_parameters_atomically(together)
@@ -330,7 +330,7 @@ class SimNode(Node):
         name = parameter.name
         if not (self.has_parameter(name) and self.describe_parameter(name).read_only):
             return False
-        return bool(coerced(parameter).value == self.get_parameter(name).value)
+        return bool(coerce(parameter).value == self.get_parameter(name).value)
 
     def _read(self, request: list[Parameter]) -> list[Parameter]:
         """Return a request as it is meant; before it is set."""
@@ -340,7 +340,7 @@ class SimNode(Node):
         """Return whether the rig can take a request now; nothing changes."""
         before = self._parameters_set
         try:
-            after = before.changed(values_in(request))
+            after = before.with_changes(values_in(request))
             wait_for(self.engine.ask(self.engine.check, after))
             if after.record and not before.record:
                 # Whether a recording can begin is known only after a try.
@@ -354,7 +354,7 @@ class SimNode(Node):
         """Have the engine make a change that was accepted; wait until it is in effect."""
         before, self._parameters_set = self._parameters_set, self._judged
         after, node = self._parameters_set, self.get_fully_qualified_name()
-        event = ParameterEvent(0, node, (), tuple(map(_recorded, request)), ())
+        event = ParameterEvent(0, node, (), tuple(map(_recorded_parameter, request)), ())
         listing = self._listing(after) if self._recorder.splits else b''
         made = self.engine.ask(self.engine.change, after, encode(event), listing)
         self._follow_change(before, after)
@@ -397,7 +397,7 @@ class SimNode(Node):
         listed = [
             RecordedParameter(name, values[name])
             if name in values
-            else _recorded(self.get_parameter(name))
+            else _recorded_parameter(self.get_parameter(name))
             for name in self.list_parameters([], 0).names
         ]
         node = self.get_fully_qualified_name()
@@ -473,7 +473,7 @@ def _qos(profile: QosProfile) -> QoSProfile:
     return QoSProfile(depth=profile.depth, durability=durability)
 
 
-def _recorded(parameter: Parameter) -> RecordedParameter:
+def _recorded_parameter(parameter: Parameter) -> RecordedParameter:
     value = parameter.value
     plain = value is None or isinstance(value, bool | int | float | str)
     return RecordedParameter(parameter.name, value if plain else tuple(value))

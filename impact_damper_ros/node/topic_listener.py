@@ -32,7 +32,7 @@ class TopicError(Exception):
     """A topic that nobody publishes; the text has those that there are."""
 
 
-def listened(
+def listen(
     topic: str,
     beside: Sequence[str],
     types: Sequence[str],
@@ -66,7 +66,7 @@ def listened(
         node = rclpy.create_node(
             '_fit_rig', context=context, start_parameter_services=False, enable_rosout=False
         )
-        return _Listener(node, types).taken(topic, beside, seconds, progress)
+        return _Listener(node, types).take(topic, beside, seconds, progress)
     finally:
         rclpy.try_shutdown(context=context)
 
@@ -79,7 +79,7 @@ class _Listener:
         self._subscriptions: dict[str, tuple[str, RawSubscription]] = {}
         self._messages: list[RecordedMessage] = []
 
-    def taken(
+    def take(
         self,
         topic: str,
         beside: Sequence[str],

@@ -15,7 +15,7 @@ The digital rig of an impact damper as a ROS 2 node. For instance:
 Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
-def answered(arguments: Sequence[str]) -> bool:
+def answer(arguments: Sequence[str]) -> bool:
     """Print usage or version if that is what the first argument asks for."""
     texts = {'--version': f'sim_node (impact_damper_ros) {__version__}'}
     text = {'-h': USAGE, '--help': USAGE, **texts}.get(arguments[0]) if arguments else None

@@ -169,7 +169,7 @@ class SweptRun(Observer):
         self._drive = Drive(rig.time, tuple(angles), rates)
         self._row = row_of_rig(rig)
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         """Take the events since the last call."""
         self._events += events
 

@@ -24,7 +24,7 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, PAUSED_FRAME
 from impact_damper_ros.control.record import CONTROL_JOINTS
 from impact_damper_ros.parameters.upgrades import FormatError
-from impact_damper_ros.replay.command import parsed
+from impact_damper_ros.replay.command import parse_snapshot
 from impact_damper_ros.replay.rows import Messages
 from impact_damper_ros.rig.snapshot import Snapshot, present
 
@@ -186,7 +186,7 @@ class LiveRig(Source):
             message = decode(STRING, content)
             assert isinstance(message, String)
             self._foreign = ''
-            held = present(parsed(message.data))
+            held = present(parse_snapshot(message.data))
             snapshot = Snapshot.from_dict(held['state'])
             offset_ns, time_ns = int(held['stamp_offset_ns']), int(held['time_ns'])
             run, reason = str(held['run']), held['reason']
@@ -283,7 +283,7 @@ class LiveRig(Source):
         try:
             message = decode(STRING, content)
             assert isinstance(message, String)
-            self.send_theory(parsed(message.data))
+            self.send_theory(parse_snapshot(message.data))
         except ValueError:
             return
 

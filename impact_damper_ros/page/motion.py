@@ -51,7 +51,7 @@ class ForcePhase:
         turned = snapshot.angles[0] if snapshot.angles else 0.0
         angles = [FirstAngle.of(first, run.time + run.time_low, turned)]
         for step in stepped_sine(rig, snapshot.sweep):
-            angles.append(angles[-1].stepped(step.time, step.parameters))
+            angles.append(angles[-1].after_step(step.time, step.parameters))
         self._times, self._turned, self._rates = np.array(angles).T
         self._known = first.first_harmonic[0] != 0.0 and bool(self._rates.any())
 

@@ -68,7 +68,7 @@ class Setting(NamedTuple):
         """Return the present parameters of a rig."""
         return cls(rig.parameters, rig.control)
 
-    def replaced(self, values: Mapping[str, Any]) -> Setting:
+    def replace_values(self, values: Mapping[str, Any]) -> Setting:
         """
         Return the setting with other values of those parameters that it has.
 
@@ -193,7 +193,7 @@ def read_command(
     record: RecordedMessage, path: Path, purpose: str, law: OwnLaw | None = None
 ) -> Command:
     """Decode and check a snapshot of a bag at `path`, which is read for a purpose."""
-    return _read(record, path, purpose, lambda held: _checked(held, law))
+    return _read(record, path, purpose, lambda held: _command_of(held, law))
 
 
 def _read(
@@ -204,7 +204,7 @@ def _read(
     try:
         message = decode(STRING, record.content)
         assert isinstance(message, String)
-        held = parsed(message.data)
+        held = parse_snapshot(message.data)
     except ValueError as error:
         raise RecordingError(purpose, path, f'{where} cannot be read: {error}') from error
     try:
@@ -240,7 +240,7 @@ def _head(held: dict[str, Any]) -> Head:
     return Head(_text('run', held['run']), held['number'], offset_ns, time_ns)
 
 
-def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
+def _command_of(held: dict[str, Any], law: OwnLaw | None) -> Command:
     # Other rigs of the bag may have no law of the user's own.
     law = law if 'law' in held['state']['gap_control'] else None
     head = _head(held)
@@ -268,7 +268,7 @@ def _checked(held: dict[str, Any], law: OwnLaw | None) -> Command:
     )
 
 
-def parsed(text: str) -> dict[str, Any]:
+def parse_snapshot(text: str) -> dict[str, Any]:
     """Parse the text of a snapshot."""
     try:
         held = json.loads(text, parse_constant=_refuse)
@@ -297,7 +297,7 @@ def _checked_state(state: dict[str, Any], law: OwnLaw | None) -> dict[str, Any]:
         raise ValueError(f'{type(error).__name__}: {error}') from error
 
 
-def restored(command: Command, path: Path) -> Rig:
+def restore_rig(command: Command, path: Path) -> Rig:
     """
     Return the rig after a command of the bag at a path.
 

@@ -83,7 +83,7 @@ class Difference:
         if self.replayed is None:
             return f'{where} is in the log, but did not happen ({self.recorded})'
         unit = f' {self.unit}' if self.unit else ''
-        there, here = _shown(self.recorded), _shown(self.replayed)
+        there, here = _text_of(self.recorded), _text_of(self.replayed)
         if there == here:
             there, here = str(self.recorded), str(self.replayed)
         return f'{where} is {there}{unit} in the log, and {here}{unit} when the log is replayed'
@@ -95,7 +95,7 @@ class Difference:
         return {**plain, 'difference': difference, 'text': self.text}
 
 
-def _shown(value: object) -> str:
+def _text_of(value: object) -> str:
     if value is None:
         return 'not given'
     if isinstance(value, float):

@@ -123,7 +123,7 @@ class Matcher:
 
     def forget(self, before_ns: float) -> None:
         """Forget the messages of the replay from before a stamp."""
-        self._expected = _parted(self._expected, before_ns)[1]
+        self._expected = _split_at(self._expected, before_ns)[1]
 
     def excuse(self, gap: SampleGap) -> None:
         """Take note of a gap in which messages are missing."""
@@ -135,8 +135,8 @@ class Matcher:
 
     def settle(self, before_ns: float) -> None:
         """Join what is from before a stamp."""
-        recorded, self._recorded = _parted(self._recorded, before_ns)
-        expected, self._expected = _parted(self._expected, before_ns)
+        recorded, self._recorded = _split_at(self._recorded, before_ns)
+        expected, self._expected = _split_at(self._expected, before_ns)
         there, here = _contents(recorded), _contents(expected)
         if there == here:
             self._count('{}', len(there))
@@ -251,7 +251,7 @@ class NearMatcher(Matcher):
 
     def _join_near(self, before_ns: float, missing_ns: float) -> None:
         """Join what is recorded before a stamp; report what is not there of before another one."""
-        recorded, self._recorded = _parted(self._recorded, before_ns)
+        recorded, self._recorded = _split_at(self._recorded, before_ns)
         stamps = self._expected['stamp_ns']
         free = np.ones(len(stamps), np.bool_)
         for row in recorded:
@@ -305,7 +305,7 @@ def _partners(
     return pairs, (left, sorted(j for waiting in places.values() for j in waiting))
 
 
-def _parted(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
+def _split_at(rows: Messages, before_ns: float) -> tuple[Messages, Messages]:
     """Return the messages up to the first that is not before a stamp, and the others."""
     late = np.flatnonzero(rows['stamp_ns'] >= before_ns)
     cut = int(late[0]) if len(late) else len(rows)

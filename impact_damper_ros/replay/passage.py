@@ -89,16 +89,16 @@ class Passage(Observer):
         """Yield the instants."""
         yield from self._instants.tolist()
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         """Keep events, and the acts of the control."""
         self._events.append(table_of_events(events))
         self.records += self._rig.records
 
-    def refused(self, order: TimedOrder, error: ParameterError) -> None:
+    def take_refusal(self, order: TimedOrder, error: ParameterError) -> None:
         """Keep why an order was not carried out."""
         self.refusals.append((order.time, error))
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         """Sample the rig, once for each of the instants up to the present one."""
         done = len(self._at_instants)
         count = int(np.searchsorted(self._instants, instant, side='right'))

@@ -34,7 +34,7 @@ from impact_damper_ros.rig.run_result import Outcome
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
-from .command import Command, Setting, restored
+from .command import Command, Setting, restore_rig
 from .findings import Findings, SampleGap
 from .matching import Matcher, NearMatcher, differing_states, expected_states, note_states
 from .passage import Passage
@@ -138,7 +138,7 @@ class Replay:
         start = recorded.start
         self.recorded, self.start = recorded, start
         self._own = recorded.reader.own
-        self.rig = self._restored(start)
+        self.rig = self._restore(start)
         self.initial = start.initial
         self.findings = findings = Findings(offset_ns=start.offset_ns)
         if start.arithmetic != ARITHMETIC:
@@ -341,7 +341,7 @@ class Replay:
 
     def _expect(self, events: Events, records: list[ControlRecord]) -> None:
         if self._shadowing is not None:
-            self._shadowing.caused(events, records)
+            self._shadowing.take_consequences(events, records)
             return
         offset_ns = self.findings.offset_ns
         impacts, acts = self._matchers
@@ -442,7 +442,7 @@ class Replay:
                     initial |= {n: v for n, v in deed.items() if n in initial}
                     self.initial = InitialConditions(**initial)
                     present = Setting.at(rig)
-                    setting = present.replaced(deed)
+                    setting = present.replace_values(deed)
                     if setting != present:
                         events = table_of_events(rig.change(*setting))
                         found.append(events)
@@ -475,13 +475,13 @@ class Replay:
             initial = command.initial.as_dict()
             if not near(recorded, replayed) or initial != self.initial.as_dict():
                 self._differ(topic, *wrong[0])
-            self.rig, self.initial = self._restored(command), command.initial
+            self.rig, self.initial = self._restore(command), command.initial
             self._shadowing.restart(command.stamp_ns)
             return
         if not wrong:
             return
         if lost:
-            self.rig, self.initial = self._restored(command), command.initial
+            self.rig, self.initial = self._restore(command), command.initial
         if lost and not self._own:
             findings.fault(
                 f'snapshots from before rig time {command.time:.9g} s are missing: what was done '
@@ -490,8 +490,8 @@ class Replay:
         else:
             self._differ(topic, *wrong[0])
 
-    def _restored(self, command: Command) -> Rig:
-        return restored(command, self.recorded.reader.path)
+    def _restore(self, command: Command) -> Rig:
+        return restore_rig(command, self.recorded.reader.path)
 
     def _differ(self, topic: str, quantity: str, recorded: object, replayed: object) -> None:
         stamp_ns = self.findings.offset_ns + self._time_ns
@@ -526,10 +526,10 @@ class Replay:
             findings.remark(f'messages from before the first snapshot, left out: {recorded.early}')
         if findings.other_bits:
             findings.remark(self._on_other_bits())
-        findings.unchecked = self._unchecked()
+        findings.unchecked = self._topics_not_compared()
         return Part(NO_SAMPLES, events, before=before)
 
-    def _unchecked(self) -> tuple[str, ...]:
+    def _topics_not_compared(self) -> tuple[str, ...]:
         """Return the topics that are not compared with the replay."""
         topics = self.recorded.topics
         checked = {topics.joint_states, topics.impacts, topics.gap_control, topics.snapshot}

@@ -27,7 +27,7 @@ from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.control.record import CONTROL_JOINTS
 from impact_damper_ros.parameters.quoting import counted
 
-from .command import Command, Head, parsed, read_command, read_head
+from .command import Command, Head, parse_snapshot, read_command, read_head
 from .rows import Messages
 
 #: Number of messages of the rig that are read at once, and number of the latest of them that wait
@@ -239,12 +239,12 @@ class RecordedRun:
                     stamp_ns = waiting[0].head.stamp_ns
                     if stamp_ns > until_ns or (ended and waiting[0].place > place):
                         break
-                    yield from self._of_run(run, tables.taken(stamp_ns))
+                    yield from self._of_run(run, tables.take_before(stamp_ns))
                     snapshot = waiting.popleft()
                     run = snapshot.run
                     if run == self.number:
                         yield self._command(snapshot)
-                yield from self._of_run(run, tables.taken(until_ns))
+                yield from self._of_run(run, tables.take_before(until_ns))
                 part += ended
         except RecordingError as error:
             self.damage = error
@@ -330,7 +330,7 @@ class _Tables:
         if len(messages) > _WAITING:
             self.settled_ns = int(stamps_ns[-_WAITING:].min())
 
-    def taken(self, before_ns: float) -> Rows:
+    def take_before(self, before_ns: float) -> Rows:
         """Take out the rows from before a stamp."""
         found = []
         for key, rows in self._rows.items():
@@ -385,7 +385,7 @@ def _rigs(reader: RunReader, purpose: str, law: OwnLaw | None) -> Iterator[RigTo
         try:
             message = decode(STRING, record.content)
             assert isinstance(message, String)
-            if 'state' not in parsed(message.data):
+            if 'state' not in parse_snapshot(message.data):
                 continue
         except ValueError:
             if name.rpartition('/')[2] != 'snapshot' and reader.custom.get('snapshot') != name:
@@ -399,7 +399,7 @@ def _rigs(reader: RunReader, purpose: str, law: OwnLaw | None) -> Iterator[RigTo
         yield RigTopics(command.node, name, **there)
 
 
-def _held(reader: RunReader) -> str:
+def _topic_list(reader: RunReader) -> str:
     """Return the topics of a bag with their types, for messages to the user."""
     topics = (f'{name} of {kind or "no type"}' for name, kind in sorted(reader.topics))
     return f'topics: {", ".join(topics) or "none"}'
@@ -417,12 +417,12 @@ def _find_rig(reader: RunReader, node: str | None, purpose: str, law: OwnLaw | N
         if not chosen[0].joint_states:
             cause = (
                 'the joint states that its snapshots name are not in it, or of another type than '
-                f'{JOINT_STATE} ({_held(reader)})'
+                f'{JOINT_STATE} ({_topic_list(reader)})'
             )
             raise RecordingError(purpose, reader.path, cause, 'record this topic too')
         return chosen[0]
     if not found:
-        cause = f'no rig is recorded in it: no message of a snapshot ({_held(reader)})'
+        cause = f'no rig is recorded in it: no message of a snapshot ({_topic_list(reader)})'
         remedy = (
             'record the topic snapshot too: a rig publishes it latched, so that ros2 bag record '
             'gets it whenever it starts'

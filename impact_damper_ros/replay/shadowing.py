@@ -83,17 +83,17 @@ _OF_SNAPSHOT = 1e-6
 _MOVING = (0, 1, 2)  # modes in which m moves freely
 
 
-def _nudged(rig: Rig, later: float = 0.0) -> Rig:
+def _nudge(rig: Rig, later: float = 0.0) -> Rig:
     """Return a rig whose motion differs by little from that of another one, and is later, s."""
     state = rig.snapshot()
     origin = state['origin']
     for name in ('x', 'velocity', 'relative_velocity'):
         origin[name] *= 1.0 + _NUDGE
-    state = _shifted(state, rig, later) if later else state
+    state = _shift(state, rig, later) if later else state
     return Rig.restore(motion_of(state), rig.own_law)
 
 
-def _shifted(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
+def _shift(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
     """Return the state of a rig at the origin of its flight, in the same place at another time."""
     time = state['origin']['time'] + later
     frequencies = [rig.force_frequency, *rig.parameters.harmonics[1][1:]]
@@ -122,7 +122,7 @@ class Shadowing:
 
     def __init__(self, replay: Replayed, matcher: Matcher, acts: NearMatcher) -> None:
         self._replay, self._matcher, self._acts = replay, matcher, acts
-        self._near = _nudged(replay.rig)
+        self._near = _nudge(replay.rig)
         self._waiting = np.empty(0, message_row(6))
         # Impacts that a change has caused, and that are not joined yet
         self._caused = self._waiting
@@ -131,14 +131,14 @@ class Shadowing:
 
     def restart(self, stamp_ns: int) -> None:
         """Take the present state of the replay, at a stamp, for that of the second rig."""
-        self._near = _nudged(self._replay.rig)
+        self._near = _nudge(self._replay.rig)
         self._acts.recover(stamp_ns)
 
     def expect(self, impacts: Messages) -> None:
         """Take recorded impacts."""
         self._waiting = np.concatenate([self._waiting, impacts])
 
-    def caused(self, events: Events, records: list[ControlRecord]) -> None:
+    def take_consequences(self, events: Events, records: list[ControlRecord]) -> None:
         """Take what a change of the replay's rig has brought at once."""
         rig, offset_ns = self._replay.rig, self._replay.findings.offset_ns
         impacts = published_impacts(events, rig.parameters, offset_ns)
@@ -345,6 +345,6 @@ class Shadowing:
         # The stamp is rounded, so that the replay's own instant is kept where it may be.
         late = here - time
         late -= math.copysign(min(abs(late), 0.5 * _STAMP_S), late)
-        state = _shifted(state, rig, -late)
+        state = _shift(state, rig, -late)
         replay.rig = Rig.restore(motion_of(state), rig.own_law)
-        self._near = _nudged(replay.rig, _STAMP_S)
+        self._near = _nudge(replay.rig, _STAMP_S)

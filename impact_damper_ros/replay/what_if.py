@@ -92,7 +92,7 @@ class WhatIf:
         self.reached = Part.empty()
         self._held_initial = dict(held_initial or {})
         self._logged = Setting.of(start.state)
-        setting = self._logged.replaced(held)
+        setting = self._logged.replace_values(held)
         rig = _from_initial(start, self._logged, setting, self._held_initial)
         self._early: list[Events] = []
         self.from_initial = rig is not None
@@ -111,7 +111,7 @@ class WhatIf:
                 *(bag, self.rig, values, start.rate, math.inf, start.node), start_ns=start.time_ns
             )
         if rig is None:
-            self._early += self._changed(start.time_ns, setting)
+            self._early += self._change(start.time_ns, setting)
 
     def follow(self, part: Part) -> Part:
         """
@@ -157,10 +157,10 @@ class WhatIf:
         """End the recording, if there is one, with the tick that is due now."""
         if self._recorder is not None:
             recorder, self._recorder = self._recorder, None
-            recorder.reached(self.rig.time)
+            recorder.look_at(self.rig.time)
             recorder.close()
 
-    def _changed(self, time_ns: int, setting: Setting) -> list[Events]:
+    def _change(self, time_ns: int, setting: Setting) -> list[Events]:
         """Change the rig, and record that."""
         before, after = Setting.at(self.rig), setting.as_dict()
         if before == setting:
@@ -169,7 +169,7 @@ class WhatIf:
         if self._recorder is not None:
             known = before.as_dict()
             values = {name: value for name, value in after.items() if value != known[name]}
-            self._recorder.changed(time_ns, values, events)
+            self._recorder.take_change(time_ns, values, events)
         return [table_of_events(events)]
 
     def carry_out(self, time_ns: int, step: Step) -> list[Events]:
@@ -183,7 +183,7 @@ class WhatIf:
         """
         if isinstance(step, Setting):
             self._logged = step
-            return self._changed(time_ns, step.replaced(self._held))
+            return self._change(time_ns, step.replace_values(self._held))
         initial = InitialConditions(**{**step.as_dict(), **self._held_initial})
         held: Setting | None = None
         events: list[Events] = []
@@ -192,11 +192,11 @@ class WhatIf:
         except ParameterError:
             # m would be outside a narrower gap, which then closes on it, as at the start.
             held = Setting.at(self.rig)
-            events += self._changed(time_ns, held._replace(rig=self._logged.rig))
+            events += self._change(time_ns, held._replace(rig=self._logged.rig))
             self.rig.reset(initial)
         if self._recorder is not None:
             self._recorder.reset(time_ns, initial.as_dict(), ())
-        return events + (self._changed(time_ns, held) if held is not None else [])
+        return events + (self._change(time_ns, held) if held is not None else [])
 
 
 class _UpTo(Observer):
@@ -209,14 +209,14 @@ class _UpTo(Observer):
         """Yield the ticks of the recorder."""
         return self._recorder.ticks()
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         """Record events and acts."""
-        self._recorder.happened(events)
+        self._recorder.take_events(events)
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         """Record a tick: what is done at its instant is done before its joint states."""
         if instant < self._until:
-            self._recorder.reached(instant)
+            self._recorder.look_at(instant)
 
 
 def _from_initial(

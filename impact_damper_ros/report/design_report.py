@@ -118,7 +118,7 @@ def design_text(design: Design, unsure: WorstCases, compared: Comparison) -> str
     lines = [
         f'Chosen: {percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
         f'{design.rig.restitution_1:.4g}.',
-        *map(_indented, texts),
+        *map(_indent, texts),
         'Once m hits both stops in each cycle, with the best gap, that motion lasts for',
         f'  gaps {_span_words(design.gap_range, "mm", 1e3)},',
         f'  levels {_span_words(design.level_range, "times this one", 1.0)},',
@@ -128,7 +128,7 @@ def design_text(design: Design, unsure: WorstCases, compared: Comparison) -> str
     return '\n'.join(lines)
 
 
-def _indented(text: str) -> str:
+def _indent(text: str) -> str:
     return textwrap.fill(text, 102, initial_indent='  ', subsequent_indent='  ')
 
 
@@ -236,7 +236,7 @@ def _compared_words(design: Design, compared: Comparison) -> list[str]:
         f'98 % of what is left without. The impact damper leaves less than {broad} '
         f'{places_text} at this level, and here at levels {beyond or "nowhere"}.'
     )
-    return [head, table.text('  '), _indented(sentence)]
+    return [head, table.text('  '), _indent(sentence)]
 
 
 def design_json(

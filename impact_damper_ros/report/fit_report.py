@@ -20,7 +20,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from .drawing import page_style
 from .fit_figures import UNITS, rig_pictures, structure_pictures
 from .formatting import NONE, number, quantity
-from .html_page import on_page, rendered, write_page
+from .html_page import on_page, render, write_page
 from .table import Table
 
 #: White residuals are within this of 0, in standard deviations of their correlation.
@@ -243,7 +243,7 @@ def write_rig_report(
         ],
     )
     tables = [correlation_table(found), check_table(found), flight_table(found)]
-    page = rendered(
+    page = render(
         'fit.html',
         name=_name(data),
         kicker='a rig fitted to measured data',
@@ -337,7 +337,7 @@ def write_structure_report(found: StructureFit, directory: Path, command: str) -
             for k, picture in enumerate(structure_pictures(found))
         ]
     data = found.data
-    page = rendered(
+    page = render(
         'fit.html',
         name=_name(data),
         kicker='frequency and damping of a structure',

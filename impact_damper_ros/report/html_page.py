@@ -54,7 +54,7 @@ def _safe(value: Any) -> Any:
     return ''.join(c if _may_stand(c) else '\N{REPLACEMENT CHARACTER}' for c in value)
 
 
-def rendered(template: str, /, **content: Any) -> str:
+def render(template: str, /, **content: Any) -> str:
     """Return a page from one of the templates."""
     import jinja2
 

@@ -32,7 +32,7 @@ from .comparison_tables import (
 )
 from .drawing import page_style
 from .formatting import instant, number, quantity
-from .html_page import Shown, on_page, rendered, write_page
+from .html_page import Shown, on_page, render, write_page
 from .motion_charts import draw_run
 from .swept_response_figure import base_amplitude
 
@@ -271,7 +271,7 @@ def report_page(
         for stretch in chosen:
             detailed.append(_detail(stretch, before.get(stretch.number)))
             done()
-    return rendered(
+    return render(
         'report.html',
         **_head(comparison, command),
         **overview,

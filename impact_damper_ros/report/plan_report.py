@@ -20,7 +20,7 @@ _CYCLES, _PER_CYCLE = 100, 100
 _SWEPT, _STEPS, _DWELL_CYCLES, _DWELL_CONSTANTS = (0.8, 1.2), 40, 60, 8.0
 
 
-def _known(deviation: float, *, share: bool = False) -> str:
+def _deviation_text(deviation: float, *, share: bool = False) -> str:
     if not math.isfinite(deviation):
         return 'not known'
     return f'± {percent(deviation, 2) if share else f"{deviation:.2g}"}'
@@ -35,8 +35,8 @@ def _plan_table(runs: Sequence[PlannedRun]) -> Table:
             quantity(run.gap, 'm', 3),
             str(run.flights),
             'yes' if run.repeats else 'no',
-            *map(_known, run.standard_deviations[:2]),
-            _known(run.standard_deviations.relative_gap, share=True),
+            *map(_deviation_text, run.standard_deviations[:2]),
+            _deviation_text(run.standard_deviations.relative_gap, share=True),
         )
         for run in runs
     ]

@@ -57,7 +57,7 @@ class _Run:
     def take(self, part: Part | None) -> None:
         """Take the next part of the run, or None after the last one."""
         for stretch in self._parts.finish() if part is None else self._parts.take(part):
-            self.stretches.append(stretch.logged)
+            self.stretches.append(stretch.recorded_part)
             self._overall.append(stretch.overall)
             self._envelopes.append(stretch.envelope)
             if self._span:
@@ -73,7 +73,7 @@ class _Run:
     @property
     def overall(self) -> Overall | None:
         """Largest |X|, impacts and energy; None if the run holds no motion."""
-        return Overall.joined(self._overall) if self._overall else None
+        return Overall.join(self._overall) if self._overall else None
 
 
 def _motion_from(stretch: RecordedStretch, start: float) -> Samples:

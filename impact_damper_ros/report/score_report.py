@@ -114,7 +114,7 @@ def score_figure(runs: Sequence[RunScore]) -> Figure:
     handles: list[Any] = []
     seen: list[float] = []
     alike = len({round(math.log(run.gap), 6) for run in runs}) == 1
-    for count, (run, color) in enumerate(zip(runs, _cycled(len(runs)), strict=True)):
+    for count, (run, color) in enumerate(zip(runs, _line_styles(len(runs)), strict=True)):
         look = {'color': color, 'linewidth': 1.4, 'label': _name(run)}
         # Runs that share a colour have lines of another kind.
         kind = _KINDS[count // len(_LINES) % len(_KINDS)]
@@ -135,7 +135,7 @@ def score_figure(runs: Sequence[RunScore]) -> Figure:
     place = np.arange(len(runs))[::-1]
     alone = [run.overall.alone.x_rms or math.inf for run in runs]
     ratio = [run.overall.run.x_rms / rms for run, rms in zip(runs, alone, strict=True)]
-    right.barh(place, ratio, 0.6, color=_cycled(len(runs)))
+    right.barh(place, ratio, 0.6, color=_line_styles(len(runs)))
     fixed = [run.overall.fixed_gap.x_rms / rms for run, rms in zip(runs, alone, strict=True)]
     look = {'color': COLORS['ink'], 'linestyle': 'none', 'marker': '|', 'markersize': 16}
     handles += right.plot(fixed, place, **look, markeredgewidth=2, label='with the fixed gap')
@@ -147,5 +147,5 @@ def score_figure(runs: Sequence[RunScore]) -> Figure:
     return figure
 
 
-def _cycled(count: int) -> list[str]:
+def _line_styles(count: int) -> list[str]:
     return [_LINES[i % len(_LINES)] for i in range(count)]

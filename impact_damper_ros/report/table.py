@@ -35,20 +35,20 @@ class Table:
         columns = [Column(*pair) for pair in zip(head, kinds, strict=True)]
         return cls(columns, [('', list(rows))])
 
-    def _shown(self, cells: Iterable[Any]) -> list[str]:
+    def _cell_texts(self, cells: Iterable[Any]) -> list[str]:
         """Return the texts of cells; bars have none."""
         pairs = zip(cells, self.columns, strict=True)
         return [str(getattr(c, 'value', c)) for c, column in pairs if column.kind != 'bars']
 
     @property
     def _head(self) -> list[str]:
-        return self._shown(column.title for column in self.columns)
+        return self._cell_texts(column.title for column in self.columns)
 
     def _groups(self) -> Iterator[tuple[str, list[list[str]]]]:
         """Yield the groups that have rows, as texts."""
         for title, rows in self.groups:
             if rows:
-                yield title, [self._shown(row) for row in rows]
+                yield title, [self._cell_texts(row) for row in rows]
 
     def text(self, indent: str = '') -> str:
         """Return it as text: numbers to the right."""
@@ -67,7 +67,7 @@ class Table:
             found += [f'{indent}{title}'] * bool(title) + list(map(line, rows))
         return '\n'.join(found)
 
-    def described(self, indent: str = '') -> str:
+    def text_with_note(self, indent: str = '') -> str:
         """Return it as text with its caption before and its note behind it."""
         note = textwrap.wrap(self.note, 99 - len(indent), break_long_words=False)
         lines = [f'{indent}{self.caption}', self.text(f'{indent}  ')]

@@ -29,7 +29,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
         lines.append(f'  missing    {counted(stretch.missing_samples, "sample")}')
     for table in (make(stretch) for make in STRETCH_TABLES):
         if table is not None:
-            lines += table.described('  ').splitlines()
+            lines += table.text_with_note('  ').splitlines()
     if stretch.predicted is not None:
         orbit = stretch.predicted
         state = orbit.stability.replace('unstable', 'not stable')
@@ -75,5 +75,5 @@ def comparison_text(comparison: RunComparison) -> str:
     last = [f'in all       {summary}{part}']
     table = overall_table(comparison.stretches, comparison.overall, '')
     if table is not None:
-        last = [table.described(), '', *last]
+        last = [table.text_with_note(), '', *last]
     return '\n\n'.join([*parts, '\n'.join(last)])

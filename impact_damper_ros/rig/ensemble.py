@@ -329,7 +329,7 @@ def run_ensemble(
         if acting is not None and (latest.outcomes == LAW_FAILED).any():
             assert own is not None
             k = int(np.argmax(latest.outcomes == LAW_FAILED))
-            raise LawError(f'rig {pending[k]} of the ensemble: {_refused(own, acting, k)}')
+            raise LawError(f'rig {pending[k]} of the ensemble: {_law_error(own, acting, k)}')
         for whole, part in zip(result, latest, strict=True):
             whole[pending] = part
         if controls is not None:
@@ -338,14 +338,14 @@ def run_ensemble(
     return result
 
 
-def _refused(law: OwnLaw, controls: Any, k: int) -> LawError:
+def _law_error(law: OwnLaw, controls: Any, k: int) -> LawError:
     """Return the error of a law that failed with one of the controls."""
     control = controls._replace(
         actuators=Actuators(*controls.actuators[k].item()),
         refusal=Refusal(*controls.refusal[k].item()),
         settings=ControlSettings(*controls.settings[k].item()),
     )
-    return law.refused(control)
+    return law.refusal(control)
 
 
 def _run_all(

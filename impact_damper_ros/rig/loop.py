@@ -28,9 +28,9 @@ from impact_damper_ros.control.controller import (
     has_law,
     holds_off,
     is_blind,
-    measured,
     next_sample,
     note_return,
+    sensor_sample,
     take_crossing,
     take_sample,
     trigger_number,
@@ -115,7 +115,7 @@ def measure(
     """Return the sample of an index that the sensors take at the present time."""
     run = moving.run
     view: View = view_at(moving, run.now)
-    return measured(
+    return sensor_sample(
         settings,
         estimates,
         index,

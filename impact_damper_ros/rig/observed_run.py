@@ -61,22 +61,22 @@ class Observer:
         """Yield the instants at which the rig is to stop, s, in order."""
         return iter(())
 
-    def happened(self, events: Sequence[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         """Take the events of the rig's last call; `Rig.records` holds the acts of its control."""
 
-    def changed(
+    def take_change(
         self,
         time_ns: int,  # noqa: ARG002
         values: Mapping[str, Any],  # noqa: ARG002
         events: Sequence[Event],
     ) -> None:
         """Take a change of the rig, which has been made, and its immediate events."""
-        self.happened(events)
+        self.take_events(events)
 
-    def refused(self, order: TimedOrder, error: ParameterError) -> None:
+    def take_refusal(self, order: TimedOrder, error: ParameterError) -> None:
         """Take an order that the rig cannot carry out, and why."""
 
-    def reached(self, instant: float) -> None:
+    def look_at(self, instant: float) -> None:
         """Look at the rig, which has stopped at an instant; one of `ticks` or another one."""
 
 
@@ -121,7 +121,7 @@ def run(
     >>> rig = Rig(RigParameters())
     >>> class Count(Observer):
     ...     total = 0
-    ...     def happened(self, events):
+    ...     def take_events(self, events):
     ...         self.total += len(events)
     >>> count = Count()
     >>> run(rig, 50.0, [count])
@@ -152,7 +152,7 @@ def run(
             if instant == stop:
                 break
         for observer in observers:
-            observer.reached(stop)
+            observer.look_at(stop)
 
 
 def _advance(
@@ -163,10 +163,10 @@ def _advance(
         events = rig.advance(instant, most_in_period)
     except RunawayError as error:
         for observer in observers:
-            observer.happened(error.events)
+            observer.take_events(error.events)
         raise
     for observer in observers:
-        observer.happened(events)
+        observer.take_events(events)
 
 
 def _change(rig: Rig, change: TimedChange, observers: Sequence[Observer]) -> TimedChange | None:
@@ -182,7 +182,7 @@ def _change(rig: Rig, change: TimedChange, observers: Sequence[Observer]) -> Tim
 def _change_all(rig: Rig, change: TimedChange, observers: Sequence[Observer]) -> None:
     caused = rig.change(change.parameters, change.control)
     for observer in observers:
-        observer.changed(change.time_ns, change.values, caused)
+        observer.take_change(change.time_ns, change.values, caused)
 
 
 def _order(rig: Rig, due: TimedOrder, observers: Sequence[Observer]) -> None:
@@ -191,7 +191,7 @@ def _order(rig: Rig, due: TimedOrder, observers: Sequence[Observer]) -> None:
         events = rig.order(due.order)
     except ParameterError as error:
         for observer in observers:
-            observer.refused(due, error)
+            observer.take_refusal(due, error)
         return
     for observer in observers:
-        observer.happened(events)
+        observer.take_events(events)

@@ -38,7 +38,7 @@ class Playback(NamedTuple):
     values: list[float]
 
     @classmethod
-    def begun(cls, record: MeasuredRecord, start: float) -> Playback:
+    def begin(cls, record: MeasuredRecord, start: float) -> Playback:
         """Return a record that starts at a time."""
         starts, values = record.steps()
         record = record if record.copy else record.with_copy()
@@ -56,10 +56,10 @@ class Playback(NamedTuple):
     def of_dict(cls, held: Mapping[str, Any], time: float) -> Playback:
         """Return a record that acts at a time, s, from what `as_dict` wrote."""
         start = number_between('records.start', held['start'], -_EARLIEST, time)
-        return _begun(start, *(held[key] for key in COPY))
+        return _begin(start, *(held[key] for key in COPY))
 
 
 @lru_cache(maxsize=8)
-def _begun(start: float, *texts: str) -> Playback:
+def _begin(start: float, *texts: str) -> Playback:
     """Return a record that starts at a time, from its copy, which many snapshots have."""
-    return Playback.begun(MeasuredRecord.of_copy(dict(zip(COPY, texts, strict=True))), start)
+    return Playback.begin(MeasuredRecord.of_copy(dict(zip(COPY, texts, strict=True))), start)

@@ -19,7 +19,7 @@ from impact_damper_ros.control.controller import (
     packed_control,
     relearn_laws,
     settings_of,
-    switched,
+    with_new_settings,
 )
 from impact_damper_ros.control.record import Action, ActRow, ControlRecord
 from impact_damper_ros.motion.compiled import dtype_of, packed_rows, unpack
@@ -187,7 +187,7 @@ class Rig(RigState):
             return []
         tables = RunTables(keep=True, since=self.time, end=time, listed=not self.compiled)
         status, _ = self._run_to(time, tables, most_in_period=most, interrupted=interrupted)
-        events = tables.listed()
+        events = tables.event_list()
         if status == RUNAWAY:
             raise RunawayError(self._reason(Outcome.RUNAWAY), events)
         return events
@@ -244,10 +244,10 @@ class Rig(RigState):
                     tables.take_acts(list(map(_act_fields, recorded)))
                 happened += run.happened
                 if status == COMMANDS_FULL:
-                    self._control = self._control.enlarged()
+                    self._control = self._control.with_more_room()
                 if status == LAW_FAILED:
                     assert self._law is not None
-                    raise self._law.refused(self._control)
+                    raise self._law.refusal(self._control)
                 if status in (FULL, COMMANDS_FULL, PAUSED):
                     if self.time == time:
                         # All events of an instant that has been reached belong to it.
@@ -462,7 +462,7 @@ class Rig(RigState):
             unpack(strobes[0], strobe)
         self._waves = [Wave(*row) for row in waves.tolist()]
         if acting is not None:
-            self._control = control.unpacked(acting)
+            self._control = control.unpack(acting)
             tables.take_acts(acts[: self._control.controller.recorded].tolist())
         tables.wrote(run.written)
         return int(outcomes[0])
@@ -520,14 +520,14 @@ class Rig(RigState):
                 forget_all(here)
         if control is not None and settings is not None:
             self._gap_control = control
-            self._control = switched(self._control, settings, self.time)
+            self._control = with_new_settings(self._control, settings, self.time)
             if control.gap_control != 'external':
                 events += self._push(0.0)
         return events
 
     def check_change(self, parameters: RigParameters, control: GapControlParameters) -> None:
         """Raise what `change` would raise now; the rig stays as it is."""
-        mark = {**self.mark(), '_control': self._control.copied()}
+        mark = {**self.mark(), '_control': self._control.copy()}
         try:
             self.change(parameters, control)
         finally:
@@ -645,7 +645,7 @@ class Rig(RigState):
         order.issue(self._control, self.time)
         record = order.record(self._control, self.time)
         if self._control.actuators.waiting + MOST_ORDERS > len(self._control.commands):
-            self._control = self._control.enlarged()
+            self._control = self._control.with_more_room()
         events = self._push(order.force) if order.force == order.force else []
         # Stops that move at once are there now.
         events += self.advance(self.time)

@@ -8,7 +8,12 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any, Self
 
-from impact_damper_ros.control.controller import begin_sampling, control_of, measured, next_sample
+from impact_damper_ros.control.controller import (
+    begin_sampling,
+    control_of,
+    next_sample,
+    sensor_sample,
+)
 from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
 from impact_damper_ros.control.record import ActRow, ControlRecord
 from impact_damper_ros.control.state import Control, Measurement
@@ -76,7 +81,7 @@ class RigState:
         self._gap_control = control or default
         self._parameters = parameters
         self.compiled = self._may_compile() if compiled is None else compiled
-        self._play([Playback.begun(record, start) for record in records])
+        self._play([Playback.begin(record, start) for record in records])
         self._start(initial or InitialConditions(), start)
 
     def _may_compile(self) -> bool:
@@ -90,7 +95,7 @@ class RigState:
         fields = starting_fields(initial, self._constants.half_gap, parameters.one_sided)
         self._run = Run(time=time, now=time, counted_from=time, **fields)
         self._waves = [Wave() for _ in range(self._constants.harmonics)]
-        self._play([Playback.begun(p.record, time) for p in self._playbacks])
+        self._play([Playback.begin(p.record, time) for p in self._playbacks])
         for playback in self._playbacks:
             if playback.record.quantity == BASE_RECORD:
                 hold_base(self._run, playback.values[0])
@@ -240,7 +245,7 @@ class RigState:
         state['_run'] = copied(self._run)
         state['_waves'] = list(map(copied, self._waves))
         if self._gap_control.active or not self._control.idles or self._law is not None:
-            state['_control'] = self._control.copied()
+            state['_control'] = self._control.copy()
         return state
 
     def go_back(self, mark: dict[str, Any]) -> None:
@@ -256,7 +261,7 @@ class RigState:
         """
         view = self._view()
         sensors = self._control.settings, self._control.estimates
-        seen = measured(*sensors, index, self.time, *view[:4], view.stop_1, view.stop_2)
+        seen = sensor_sample(*sensors, index, self.time, *view[:4], view.stop_1, view.stop_2)
         return seen, (view.stop_rate_1, view.stop_rate_2)
 
     def _waves_now(self) -> list[Wave]:
@@ -388,7 +393,7 @@ class RigState:
         rig._run.watched, rig._run.crossing = kept.watched, kept.crossing
         rig._run.counted_from = kept.now
         rig._run.counted = (kept.now - kept.time) - kept.time_low
-        rig._gap_control, rig._control = _restored(control, rig)
+        rig._gap_control, rig._control = _restored_control(control, rig)
         return rig
 
 
@@ -397,14 +402,16 @@ def own_law_of(law: Law | None) -> OwnLaw | None:
     return law if law is None or isinstance(law, OwnLaw) else OwnLaw(law)
 
 
-def _restored(held: dict[str, Any] | None, rig: RigState) -> tuple[GapControlParameters, Control]:
+def _restored_control(
+    held: dict[str, Any] | None, rig: RigState
+) -> tuple[GapControlParameters, Control]:
     """Return the control of a snapshot; off, if it has none."""
     try:
         parameters = GapControlParameters(**(held['parameters'] if held else {}))
         control = control_of(parameters, rig.parameters, rig.own_law)
         if held is None:
             return parameters, control
-        control = control.restored(held['state'])
+        control = control.restore(held['state'])
         kept = held.get('law')
         if kept is not None:
             if rig.own_law is None:

@@ -133,7 +133,7 @@ class RunTables:
         events: Events = self._rows[: self._written].view(EVENT_TYPE)
         return events
 
-    def listed(self) -> list[Event]:
+    def event_list(self) -> list[Event]:
         """Return the events so far as a list."""
         if self._list is not None:
             return self._list

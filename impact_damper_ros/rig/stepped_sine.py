@@ -72,7 +72,7 @@ def _frequency(parameters: RigParameters, step: int) -> float:
     return parameters.sweep_low + place * parameters.sweep_step
 
 
-def _notched(parameters: RigParameters, frequency: float) -> float:
+def _notch_factor(parameters: RigParameters, frequency: float) -> float:
     """Return the factor of the level at a frequency, a power of it between two points."""
     places, factors = parameters.sweep_notch_frequencies, parameters.sweep_notch_factors
     k = bisect_right(places, frequency)
@@ -88,7 +88,7 @@ def rig_at(parameters: RigParameters, step: int) -> RigParameters:
     if parameters.sweep_mode == 'off':
         return parameters
     frequency = _frequency(parameters, step)
-    return parameters.with_first_frequency(frequency, _notched(parameters, frequency))
+    return parameters.with_first_frequency(frequency, _notch_factor(parameters, frequency))
 
 
 def _waits_for_zero(parameters: RigParameters) -> bool:
@@ -209,7 +209,7 @@ class FirstAngle(NamedTuple):
         """Return the angle at an instant."""
         return self.turned + (time - self.time) * self.rate
 
-    def stepped(self, time: float, rig: RigParameters) -> FirstAngle:
+    def after_step(self, time: float, rig: RigParameters) -> FirstAngle:
         """Return the angle from a step of the frequency on, after which the rig is that one."""
         return FirstAngle.of(rig, time, tau * self.at(time))
 

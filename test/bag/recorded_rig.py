@@ -168,7 +168,7 @@ class RecordedRig:
                 if new:
                     self.done.append(['change', new])
                     self.news = self.news or 'change'
-                after = before.replaced(rig)
+                after = before.replace_values(rig)
                 if after != before:
                     self.impacts(self.rig.change(*after))
             elif kind == 'reset':

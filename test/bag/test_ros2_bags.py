@@ -30,8 +30,8 @@ def bag(tmp_path_factory):
     values = {name: v for part in parts for name, v in part.as_dict().items()}
     recorder = RigRecorder(directory, rig, values, 200.0, 4.0)
     for instant in recorder.ticks():
-        recorder.happened(rig.advance(instant))
-        recorder.reached(instant)
+        recorder.take_events(rig.advance(instant))
+        recorder.look_at(instant)
     recorder.close()
     return directory
 

@@ -19,7 +19,7 @@ from impact_damper_ros.fit.recorded_motion import (
     motion_of_messages,
     recorded_rig,
 )
-from impact_damper_ros.node.topic_listener import TopicError, listened
+from impact_damper_ros.node.topic_listener import TopicError, listen
 
 RIG, _, _ = load_parameters('bench_rig')
 FILE = SOURCE / 'config' / 'bench_rig.yaml'
@@ -52,7 +52,7 @@ def test_what_comes_over_the_network_is_the_motion_of_the_rig():
 
     def whole():
         """Return what came, if the snapshot was among it, and not many samples were lost."""
-        came = listened(topic, more, TYPES, 3.0)
+        came = listen(topic, more, TYPES, 3.0)
         if not {message.topic for message in came} >= {topic, *more}:
             return None
         messages = TopicMessages(came, topic, 'live')
@@ -97,6 +97,6 @@ def test_a_live_rig_is_fitted(tmp_path, capsys):
 def test_a_topic_that_nobody_publishes(monkeypatch, capsys):
     monkeypatch.setattr('impact_damper_ros.node.topic_listener.PATIENCE_S', 2.0)
     with pytest.raises(TopicError, match=r'nobody publishes /none as .*; topics of these types: '):
-        listened('/none', [], TYPES, 1.0)
+        listen('/none', [], TYPES, 1.0)
     assert main(['--topic', '/none', '--seconds', '1']) == 2
     assert 'nobody publishes /none' in capsys.readouterr().err

@@ -242,7 +242,7 @@ def check_settings(words):
     present = NodeParameters.from_values({**rig.as_dict(), **initial.as_dict()})
     settings = set_rig._parser().parse_args(words).settings
     values = values_of(settings, present.as_dict(), '', 'set_rig')
-    assert present.changed(values) != present
+    assert present.with_changes(values) != present
 
 
 def check_node(words):
@@ -287,7 +287,7 @@ def test_parameters_that_are_set_on_the_node():
             request = [Parameter(name, value=yaml.safe_load(value))]
             try:
                 read = readable(request, node.rig, ALL_SPECS.__contains__)
-                node, refused = node.changed(values_in(read)), ''
+                node, refused = node.with_changes(values_in(read)), ''
             except ParameterError as error:
                 refused = str(error)
             assert refused == reason, words

@@ -170,13 +170,13 @@ def test_over_several_stretches():
     other = built(late, samples[701:], events[~early], end).overall
     # The second half begins at the first of its samples that is not the last of the first.
     duration = float(samples['time'][-1]) - middle
-    both = Overall.joined([one.overall, replace(other, duration=duration)])
+    both = Overall.join([one.overall, replace(other, duration=duration)])
     whole = built(LoggedRig(FRICTION, state=start), samples, events, end).overall
     assert vars(both) == pytest.approx(vars(whole), rel=1e-12)
     # A stretch of which nothing is known takes no part in what is.
     nothing = dict.fromkeys(vars(whole), 0) | {'x_max': math.nan, 'x_rms': math.nan}
     none = Overall(**nothing)
-    assert vars(Overall.joined([none, whole])) == pytest.approx(vars(whole))
+    assert vars(Overall.join([none, whole])) == pytest.approx(vars(whole))
 
 
 def test_memory_of_long_stretches_is_bounded(monkeypatch):

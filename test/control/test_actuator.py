@@ -123,7 +123,7 @@ def test_no_command_is_lost_however_many_wait():
     largest = 0
     for k in range(2000):
         if commands_full(there):
-            there = there.enlarged()
+            there = there.with_more_room()
         if rng.random() < (0.6 if k % 400 < 200 else 0.35):
             issue, target = round(rng.uniform(0.0, 3.0), 1), float(k)
             order_stops(there, issue, target, math.nan, math.nan)

@@ -7,7 +7,7 @@ import pytest
 
 from control.controlled_rigs import TRIAL, control
 from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters
-from impact_damper_ros.control.controller import control_of, measured
+from impact_damper_ros.control.controller import control_of, sensor_sample
 from impact_damper_ros.control.sensors import (
     forget_hits,
     is_too_soon,
@@ -30,7 +30,7 @@ def noise(seed, index):
 
 def test_without_noise_the_sample_itself():
     there = control_of(GapControlParameters(), RigParameters())
-    seen = measured(there.settings, there.estimates, 3, *MOTION)
+    seen = sensor_sample(there.settings, there.estimates, 3, *MOTION)
     assert seen == (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)
     assert (seen.z, seen.z_rate) == (1.75, 0.5)
 
@@ -66,7 +66,7 @@ def test_noise_has_the_standard_deviations_asked_for():
     )
     there = control_of(control, RigParameters())
     sensors = there.settings, there.estimates
-    seen = np.array([measured(*sensors, k, *MOTION) for k in range(5000)])
+    seen = np.array([sensor_sample(*sensors, k, *MOTION) for k in range(5000)])
     assert np.std(seen[:, (1, 3)], axis=0) == pytest.approx([0.1, 0.1], rel=0.04)
     assert np.std(seen[:, (2, 4)], axis=0) == pytest.approx([2.0, 2.0], rel=0.04)
     # Instant and encoders are exact.

@@ -99,7 +99,7 @@ def test_units_steps_zeros_and_slopes(tmp_path, text, square, band):
 def test_columns_that_are_not_used(tmp_path):
     path = tmp_path / 'psd.csv'
     path.write_text('f [Hz],level [g^2/Hz],phase [rad]\n3,1e-4,1\n5,1e-3,2\n')
-    words = random_lines(path, 4).described()
+    words = random_lines(path, 4).description()
     assert words.endswith(
         "; reads frequency 'f [Hz]', level 'level [g^2/Hz]'; not used: 'phase [rad]'"
     )

@@ -587,7 +587,7 @@ def test_the_least_numbers_leave_the_rig_ticking_or_held():
         home = bench.engine.parameters
         for name, value in itertools.product(names, (0.0, -0.0, 5e-324, -5e-324, 1e-300)):
             try:
-                after = home.changed({name: value})
+                after = home.with_changes({name: value})
             except ParameterError:
                 continue
             requests = bench.ask('change', after, event_bytes()), bench.ask('reset')

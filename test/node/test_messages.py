@@ -15,7 +15,7 @@ from std_msgs.msg import String
 
 from impact_damper_ros import Action, ControlRecord, Event, EventKind, Sample
 from impact_damper_ros.bag import messages
-from impact_damper_ros.bag.messages import clock_message, decode, encode, restamped
+from impact_damper_ros.bag.messages import clock_message, decode, encode, with_stamp
 from impact_damper_ros.bag.rig_topics import RigMessages
 
 STAMPS = (0, 1, 999_999_999, 1_000_000_000, 1_700_000_000_123_456_789, 2**31 * 10**9 - 1)
@@ -82,7 +82,7 @@ def test_clock_and_text_read_back():
 def test_messages_are_stamped_anew(kind):
     message, stamp_ns = kind(), 1_700_000_000_000_000_001
     holder = message if kind is ParameterEvent else message.header
-    data = restamped(serialize_message(message), stamp_ns)
+    data = with_stamp(serialize_message(message), stamp_ns)
     holder.stamp = time_of(stamp_ns)
     assert deserialize_message(data, kind) == message
 

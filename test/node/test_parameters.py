@@ -11,7 +11,7 @@ from running import DEADLINE_S, Running
 
 from impact_damper_ros import load_parameters
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.node import engine
+from impact_damper_ros.node import engine_state
 from impact_damper_ros.node.engine_state import wait_for
 from impact_damper_ros.node.parameters import descriptor
 from impact_damper_ros.node.sim_node import SimNode
@@ -79,7 +79,7 @@ def test_rejected_values_are_explained_and_change_nothing(rig):
 def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
     """What the rig does not carry out is withdrawn, and changes no parameter."""
     rclpy.init(args=['sim_node', '--ros-args', '-r', '__ns:=/answers'])
-    monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', 0.1)
+    monkeypatch.setattr(engine_state, 'ANSWER_TIMEOUT_S', 0.1)
     node = SimNode((), SingleThreadedExecutor())
 
     def asked(gap):
@@ -93,7 +93,7 @@ def test_a_request_is_answered_when_it_is_in_effect(monkeypatch):
     try:
         # Its engine does not run yet.
         assert 'has not answered within 0.1 s: the request is withdrawn' in asked(2.0)
-        monkeypatch.setattr(engine, 'ANSWER_TIMEOUT_S', DEADLINE_S)
+        monkeypatch.setattr(engine_state, 'ANSWER_TIMEOUT_S', DEADLINE_S)
         node.start()
         assert [asked(gap) for gap in (3.0, 4.0, 5.0)] == ['', '', '']
         # If the rig cannot carry out a change, the parameter of the node keeps its value.

@@ -10,11 +10,11 @@ from rclpy.parameter import Parameter
 from impact_damper_ros import ParameterError, ParametersFileError, RigParameters, load_parameters
 from impact_damper_ros.node.parameters import (
     NodeParameters,
-    admitted,
-    coerced,
+    admissible_part,
+    coerce,
     descriptor,
     nearest_name,
-    normalised,
+    normalise,
     parameters_from_overrides,
     readable,
     values_in,
@@ -32,7 +32,7 @@ HAS = {*ALL_SPECS, 'use_sim_time'}.__contains__
 def changed(*request, **values):
     """Return the parameters after a request, as the node has them."""
     now = NodeParameters.from_values(values)
-    return now.changed(values_in(readable(request, now.rig, HAS)))
+    return now.with_changes(values_in(readable(request, now.rig, HAS)))
 
 
 @pytest.mark.parametrize(
@@ -56,14 +56,14 @@ def changed(*request, **values):
     ],
 )
 def test_values_are_read_as_they_are_meant(name, given, meant):
-    value = coerced(Parameter(name, value=given)).value
+    value = coerce(Parameter(name, value=given)).value
     assert value == meant
     assert type(value) is type(meant)
 
 
 def test_an_empty_list_is_a_list_of_numbers():
     for kind in (Type.BYTE_ARRAY, Type.BOOL_ARRAY, Type.STRING_ARRAY, Type.INTEGER_ARRAY):
-        assert coerced(Parameter('force_phases', kind, [])).type_ is Type.DOUBLE_ARRAY
+        assert coerce(Parameter('force_phases', kind, [])).type_ is Type.DOUBLE_ARRAY
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_an_empty_list_is_a_list_of_numbers():
 def test_force_arrays_follow_each_other_in_length(given, expected):
     rig = changed(*(Parameter(name, value=v) for name, v in given.items())).rig
     assert (rig.force_amplitudes, rig.force_frequencies, rig.force_phases) == expected
-    meant = normalised([Parameter('force_frequencies', value=[7.0])], rig)
+    meant = normalise([Parameter('force_frequencies', value=[7.0])], rig)
     assert {p.name: len(p.value) for p in meant} == dict.fromkeys([p.name for p in meant], 1)
 
 
@@ -135,14 +135,14 @@ def test_of_a_list_all_is_set_that_can_be():
     values = {**bad, **good}
     for names in (list(values), list(values)[::-1], sorted(values)):
         request = [Parameter(name, value=values[name]) for name in names]
-        together, reasons = admitted(request, now, HAS)
+        together, reasons = admissible_part(request, now, HAS)
         assert [one.name for one in together] == [name for name in names if name in good]
         assert set(reasons) == set(bad)
         assert all(name in reason for name, reason in reasons.items())
-    assert admitted([Parameter('gap_min', value=2.0)], now, HAS)[0] == []
+    assert admissible_part([Parameter('gap_min', value=2.0)], now, HAS)[0] == []
     # Where it is the damping that stays which contradicts a value
     soft = [Parameter('stiffness', value=1e-6), Parameter('gap', value=2.0)]
-    together, reasons = admitted(soft, now, HAS)
+    together, reasons = admissible_part(soft, now, HAS)
     assert (together, list(reasons)) == (soft[1:], ['stiffness'])
     assert 'underdamped' in reasons['stiffness']
 
@@ -224,7 +224,7 @@ def test_directory_of_recordings_in_the_home_directory(monkeypatch):
     ):
         node = NodeParameters.from_values({'bag_directory': text})
         assert node.bag_directory == directory
-        assert NodeParameters.from_values({}).changed({'bag_directory': text}) == node
+        assert NodeParameters.from_values({}).with_changes({'bag_directory': text}) == node
 
 
 #: Entries of a parameters file in which the order, the namespace or a wildcard decides.
@@ -316,11 +316,11 @@ def test_the_last_value_counts_whatever_its_type(tmp_path):
 
 def test_the_unit_of_base_amplitudes_is_their_quantity():
     rig = RigParameters()
-    meant = normalised([Parameter('base_amplitudes', value='2 mm')], rig)
+    meant = normalise([Parameter('base_amplitudes', value='2 mm')], rig)
     values = {parameter.name: parameter.value for parameter in meant}
     assert list(values['base_amplitudes']) == [0.002]
     assert values['base_quantity'] == 'displacement'
-    meant = normalised([Parameter('base_amplitudes', value=[0.5, 0.1])], rig)
+    meant = normalise([Parameter('base_amplitudes', value=[0.5, 0.1])], rig)
     values = {parameter.name: list(parameter.value) for parameter in meant}
     assert values['base_frequencies'] == [1.0, 0.0]
     assert 'base_quantity' not in values

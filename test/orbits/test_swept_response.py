@@ -170,7 +170,7 @@ class Watch(Observer):
     def ticks(self):
         return (k * 2e-3 for k in range(10**6))
 
-    def reached(self, instant):
+    def look_at(self, instant):
         b = self.rig.sample()
         self.rows.append((instant, b.base, b.base_velocity, self.rig.force_frequency))
 

@@ -56,7 +56,7 @@ def test_groups_and_bars_as_text_and_markdown():
     ]
     table = Table(columns, groups, 'Energy', 'Mean of 3.')
     assert table.text() == '         J  verdict\nInput\nforce  9.5  agrees\nx        1  a|b'
-    assert table.described().splitlines()[0::5] == ['Energy', '  Mean of 3.']
+    assert table.text_with_note().splitlines()[0::5] == ['Energy', '  Mean of 3.']
     assert table.markdown().splitlines() == [
         '|  | J | verdict |',
         '| --- | --- | --- |',

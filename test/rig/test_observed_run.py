@@ -23,15 +23,15 @@ class Diary(Observer):
     def ticks(self):
         return iter(self.instants)
 
-    def happened(self, events):
+    def take_events(self, events):
         self.events += events
 
-    def changed(self, time_ns, values, events):
+    def take_change(self, time_ns, values, events):
         assert self.rig.parameters.gap == values['gap']
         self.changes.append((time_ns, values, self.rig.time))
-        super().changed(time_ns, values, events)
+        super().take_change(time_ns, values, events)
 
-    def reached(self, instant):
+    def look_at(self, instant):
         assert self.rig.time == instant
         self.looks.append(instant)
 

@@ -26,7 +26,7 @@ class Diary(Observer):
     def ticks(self):
         return (k * 1e-3 for k in range(10**6))
 
-    def changed(self, time_ns, values, _):
+    def take_change(self, time_ns, values, _):
         sample = self.rig.sample()
         self.changes.append((time_ns, dict(values), sample.base, self.rig.parameters))
 
@@ -40,7 +40,7 @@ def ran(changes, until=3.0, rig=SHAKEN):
     diary, places = Diary(simulated), []
 
     class Places(Observer):
-        def reached(self, instant):
+        def look_at(self, instant):
             places.append((instant, simulated.sample().base))
 
     run(simulated, until, [diary, Places()], timed)
