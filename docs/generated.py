@@ -82,7 +82,7 @@ def tables(page: str) -> str:
     control = import_module('impact_damper_ros.parameters.gap_control_parameters')
     node = import_module('impact_damper_ros.parameters.node_settings')
     structure = import_module('impact_damper_ros.parameters.structure')
-    table = import_module('impact_damper_ros.cli.simulate_rig').parameter_table
+    table = import_module('impact_damper_ros.cli.simulate_rig').parameter_markdown
     settings = {
         name: spec._replace(description=f'{spec.description}{EFFECTS[spec.effect]}')
         for name, spec in node.SETTING_SPECS.items()
@@ -229,7 +229,7 @@ def messages(page: str) -> str:
     event = impacts[0]
     controlled = Rig(parameters, control=GapControlParameters(gap_control='timed'))
     controlled.advance(2.0)
-    act = controlled.records[0]
+    act = controlled.acts[0]
     seen, stop_rates = rig.measure(0)
     views = (seen.x, seen.y, seen.stop_1, seen.stop_2), (seen.x_rate, seen.y_rate, *stop_rates)
     names = {key: f'/{topic.name}' for key, topic in rig_topics.RIG_TOPICS.items()}

@@ -12,8 +12,8 @@ from .lazy_names import lazy_names
 # `typing`, too, would take longer than all else.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from .control.act import Action as Action, ControlAct as ControlAct
     from .control.own_law import LawError as LawError, LawInput as LawInput, OwnLaw as OwnLaw
-    from .control.record import Action as Action, ControlRecord as ControlRecord
     from .design.damper_design import Design as Design, best_design as best_design
     from .fit.estimate import Estimate as Estimate
     from .fit.measured_motion import (

@@ -55,7 +55,7 @@ def _system() -> str:
     return f'{name}, {platform.machine()}, {" ".join(platform.libc_ver())}'
 
 
-def report() -> Iterator[str]:
+def report_lines() -> Iterator[str]:
     """Yield the lines of the report."""
     yield f'impact_damper_ros {__version__} in {Path(__file__).parent}'
     yield f'Python {platform.python_version()} ({sys.executable})'
@@ -82,7 +82,7 @@ def main() -> int:
     if not parser.parse_args().version:
         parser.print_help()
         return 0
-    return outcome(parser.prog, lambda: print(*report(), sep='\n') or 0)
+    return outcome(parser.prog, lambda: print(*report_lines(), sep='\n') or 0)
 
 
 if __name__ == '__main__':

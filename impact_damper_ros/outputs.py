@@ -46,7 +46,7 @@ def explain(error: OSError) -> tuple[str, str]:
     return _CAUSES.get(error.errno or 0, (error.strerror or str(error), ''))
 
 
-def in_words(error: OSError, path: Path | None = None) -> str:
+def output_fault(error: OSError, path: Path | None = None) -> str:
     """Return what cannot be written, why, and the remedy; `path` if the error names no file."""
     if error.errno == errno.ENOENT and not (error.filename or path):
         try:

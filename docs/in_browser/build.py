@@ -14,7 +14,7 @@ import shutil
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from impact_damper_ros.control.record import Action
+from impact_damper_ros.control.act import Action
 from impact_damper_ros.measured.record import MeasuredRecord
 from impact_damper_ros.motion import flight as motion_flight, state as motion_state
 from impact_damper_ros.motion.event import IMPACT, EventKind

@@ -114,7 +114,7 @@ class RigInPage extends Source {
 
   take(events) {
     for (const e of events) if (e.kind === IMPACT) this.add('impacts', [...IMPACT_COLUMNS.slice(0, -1).map((name) => e[name]), this.phase(e.time)]);
-    for (const act of this.rig.records) {
+    for (const act of this.rig.acts) {
       const command = act.action === Action.COMMAND;
       this.add('acts', [act.time, Number(command), act.target_1, act.target_2, act.force, act.energy_1 + act.energy_2]);
     }

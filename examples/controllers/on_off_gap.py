@@ -8,7 +8,7 @@ vibrations above a threshold.
 
 import math
 
-from impact_damper_ros.node.controller import Controller, run, stops
+from impact_damper_ros.node.controller import Controller, run_controller, stops
 
 
 class OnOffGap(Controller):
@@ -33,4 +33,4 @@ class OnOffGap(Controller):
 
 
 if __name__ == '__main__':
-    run(OnOffGap)
+    run_controller(OnOffGap)

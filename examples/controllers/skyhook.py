@@ -3,7 +3,7 @@
 
 from geometry_msgs.msg import WrenchStamped
 
-from impact_damper_ros.node.controller import Controller, run
+from impact_damper_ros.node.controller import Controller, run_controller
 
 
 class Skyhook(Controller):
@@ -21,4 +21,4 @@ class Skyhook(Controller):
 
 
 if __name__ == '__main__':
-    run(Skyhook)
+    run_controller(Skyhook)

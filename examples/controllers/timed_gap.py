@@ -10,7 +10,7 @@ nearest to the instant for which the law asks.
 from impact_damper_ros import GapControlParameters, RigParameters
 from impact_damper_ros.control.controller import control_of, holds_off, take_crossing, take_sample
 from impact_damper_ros.control.state import Measurement
-from impact_damper_ros.node.controller import Controller, run, stops
+from impact_damper_ros.node.controller import Controller, run_controller, stops
 
 
 class TimedGap(Controller):
@@ -72,4 +72,4 @@ class TimedGap(Controller):
 
 
 if __name__ == '__main__':
-    run(TimedGap)
+    run_controller(TimedGap)

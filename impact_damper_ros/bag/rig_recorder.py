@@ -245,7 +245,7 @@ class RigRecorder(Observer):
                 stamp_ns = round(event.time * 1e9)
                 content = self._messages.impact(stamp_ns, event, deflection)
                 self._write('impacts', content, stamp_ns)
-        for record in self._rig.records:
+        for record in self._rig.acts:
             stamp_ns = round(record.time * 1e9)
             self._write('gap_control', self._messages.control(stamp_ns, record), stamp_ns)
         self._wait()

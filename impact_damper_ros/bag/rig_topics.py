@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from impact_damper_ros.control.record import CONTROL_JOINTS, Action, ControlRecord
+from impact_damper_ros.control.act import CONTROL_JOINTS, Action, ControlAct
 
 from .messages import DIAGNOSTIC_ARRAY, JOINT_STATE, PARAMETER_EVENT, STRING, JointStateLayout
 from .topics import LATCHED, QosProfile, Topic
@@ -213,8 +213,8 @@ class RigMessages:
         parts = impact_numbers(event.x, event.y, after, impulse, deflection)
         return self._impacts[event.stop].fill(stamp_ns, *parts)
 
-    def control(self, stamp_ns: int, record: ControlRecord) -> bytes:
-        """Return the message of an act of the gap control; see `ControlRecord.numbers`."""
+    def control(self, stamp_ns: int, record: ControlAct) -> bytes:
+        """Return the message of an act of the gap control; see `ControlAct.numbers`."""
         return self._control[record.action].fill(stamp_ns, *record.numbers)
 
 

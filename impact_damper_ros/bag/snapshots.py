@@ -48,7 +48,7 @@ def mathematics() -> int:
 _UNSEARCHED = {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
 
 
-def motion_of(state: Mapping[str, Any]) -> dict[str, Any]:
+def without_search(state: Mapping[str, Any]) -> dict[str, Any]:
     """Return a state as if its flight were not searched yet, which changes no motion."""
     return {**state, 'origin': {**state['origin'], **_UNSEARCHED}} if state else {}
 
@@ -123,6 +123,6 @@ class Snapshots:
                 'mathematics': mathematics(),
                 'done': done,
                 'initial': _plain(self._initial),
-                'state': motion_of(state),
+                'state': without_search(state),
             }
         )

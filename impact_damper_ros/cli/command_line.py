@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.outputs import check_file, check_new, in_words, is_stream, write_text
+from impact_damper_ros.outputs import check_file, check_new, is_stream, output_fault, write_text
 from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
 from impact_damper_ros.parameters.plain import json_text
 from impact_damper_ros.parameters.quoting import as_message, shown
-from impact_damper_ros.parameters.units import UNITS, in_si, quantity, split_number
+from impact_damper_ros.parameters.units import UNITS, in_si, si_value, split_number
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 
 from .completion import complete
@@ -143,7 +143,7 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
     except RunawayError as error:
         message, code = error, EXIT_FAILED
     except OSError as error:
-        message, code = in_words(error), EXIT_FAILED
+        message, code = output_fault(error), EXIT_FAILED
         if error.filename is None:
             # Not to be reported once more at exit
             discard_output()
@@ -259,7 +259,7 @@ def add_most_events_option(parser: argparse.ArgumentParser, whose: str = '') -> 
     )
 
 
-def number(
+def number_in(
     low: float, high: float, unit: str = '', *, whole: bool = False
 ) -> Callable[[str], float]:
     """Return a reader of numbers in a range, for `argparse`."""
@@ -268,7 +268,7 @@ def number(
 
     def read(text: str) -> float:
         with suppress(ValueError):
-            value = quantity(text, unit)
+            value = si_value(text, unit)
             if low <= value <= high and not (whole and value % 1.0):
                 return int(value) if whole else value
         raise argparse.ArgumentTypeError(f'{text!r}: {words}')
@@ -278,7 +278,7 @@ def number(
 
 def up_to(largest: int) -> Callable[[str], float]:
     """Return a reader of whole numbers from 1 to the largest one, for `argparse`."""
-    return number(1, largest, whole=True)
+    return number_in(1, largest, whole=True)
 
 
 def motion_size(text: str) -> tuple[float, str]:

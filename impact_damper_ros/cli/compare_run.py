@@ -31,7 +31,7 @@ from .command_line import (
     command_parser,
     draw,
     need_matplotlib,
-    number,
+    number_in,
     outcome,
     progress_bar,
     share_done,
@@ -87,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--score-gap',
-        type=number(spec.low or 0.0, spec.high or math.inf, 'm'),
+        type=number_in(spec.low or 0.0, spec.high or math.inf, 'm'),
         metavar='GAP',
         help='with --score: the fixed gap of the run beside each, instead of its own',
     )

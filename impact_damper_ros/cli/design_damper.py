@@ -25,7 +25,7 @@ from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
 from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.parameters.units import quantity, split_number
+from impact_damper_ros.parameters.units import si_value, split_number
 from impact_damper_ros.report import design_report as report
 from impact_damper_ros.report.formatting import quantity as written
 from impact_damper_ros.report.plan_report import plan_text
@@ -120,7 +120,7 @@ def _size(text: str) -> str:
 
 def _levels(text: str) -> tuple[float, float]:
     try:
-        low, high = (quantity(part, '') for part in text.split(':'))
+        low, high = (si_value(part, '') for part in text.split(':'))
     except ValueError:
         low = high = math.nan
     if not 0.0 < low <= 1.0 <= high < 1e3:

@@ -27,7 +27,7 @@ from .command_line import (
     long_work,
     motion_size,
     need_matplotlib,
-    number,
+    number_in,
     outcome,
     path_of,
     progress_bar,
@@ -146,7 +146,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     data.add_argument(
         '--impact-deviation',
-        type=number(1e-7, 1.0, 's'),
+        type=number_in(1e-7, 1.0, 's'),
         metavar='TIME',
         help='standard deviation of an impact time [0.5ms of a file, else by the sampling]',
     )
@@ -172,7 +172,7 @@ def _parser() -> argparse.ArgumentParser:
         data.add_argument(
             f'--{name}',
             dest=f'{name}_time',
-            type=number(-1e12, 1e12, 's'),
+            type=number_in(-1e12, 1e12, 's'),
             metavar='TIME',
             help=f'{text} instant of the data that is used',
         )
@@ -182,7 +182,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     data.add_argument(
         '--seconds',
-        type=number(1.0, 3600.0, 's'),
+        type=number_in(1.0, 3600.0, 's'),
         metavar='TIME',
         help='without DATA: how long to listen to --topic [20]',
     )

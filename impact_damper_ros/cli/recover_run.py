@@ -47,7 +47,7 @@ def _short(name: str) -> str:
     return printable(name if len(name) <= _MOST_SHOWN else f'{name[:_MOST_SHOWN]}...')
 
 
-def report(recovery: Recovery) -> str:
+def recovery_report(recovery: Recovery) -> str:
     """Return a report of what was saved, topic by topic."""
     seconds = (recovery.end_ns - recovery.start_ns) / 1e9
     lines = []
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             recovery = recover_run(arguments.bag, arguments.output)
         except RecordingError as error:
             raise CommandError(str(error), EXIT_FAILED) from error
-        print(printable(report(recovery)))
+        print(printable(recovery_report(recovery)))
         return 0
 
     return outcome('recover_run', work)

@@ -34,7 +34,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     InitialConditions,
     RigParameters,
 )
-from impact_damper_ros.parameters.units import quantity
+from impact_damper_ros.parameters.units import si_value
 from impact_damper_ros.rig.observed_run import TimedChange
 
 from .command_line import path_of, say
@@ -249,7 +249,7 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
     for setting in settings:
         text, colon, change = setting.partition(':')
         try:
-            time = quantity(text, 's')
+            time = si_value(text, 's')
         except ValueError:
             time = -1.0
         if not colon or not 0.0 < time <= duration:

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from impact_damper_ros.orbits.ring_down import RELEASES, ring_down
 from impact_damper_ros.parameters.base_motion import QUANTITIES
 from impact_damper_ros.report.ring_down_figure import (
+    ring_down_csv,
     ring_down_figure,
-    ring_down_table,
     ring_down_text,
 )
 
@@ -23,7 +23,7 @@ from .command_line import (
     draw,
     long_work,
     motion_size,
-    number,
+    number_in,
     outcome,
     text_stream,
     write_json,
@@ -62,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     add_set_option(parser)
     parser.add_argument(
         '--releases',
-        type=number(1, 1000, whole=True),
+        type=number_in(1, 1000, whole=True),
         default=RELEASES,
         metavar='N',
         help=f'phases of the vibration at which m is let go [{RELEASES}]',
@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             found = ring_down(rig, amplitude, releases=int(arguments.releases))
         title = rig_line(found.parameters)
         write_json(arguments.json, found)
-        write_output(arguments.csv, ring_down_table, found)
+        write_output(arguments.csv, ring_down_csv, found)
         draw(arguments.figure, ring_down_figure, found, title)
         print(f'{title}\n{ring_down_text(found)}', file=text_stream(arguments.json))
         return 0

@@ -11,7 +11,7 @@ from itertools import count
 from typing import Any
 
 from impact_damper_ros.compare.random_response import ResponseSamples
-from impact_damper_ros.control.record import Action
+from impact_damper_ros.control.act import Action
 from impact_damper_ros.measured.record import BASE_RECORD
 from impact_damper_ros.motion.event import Event, EventKind, table_of_events
 from impact_damper_ros.motion.state import Mode
@@ -66,7 +66,7 @@ class RunSummary(Observer):
     def take_events(self, events: Sequence[Event]) -> None:
         """Count events and commands."""
         self._counts.update(event.kind for event in events)
-        self._commands += sum(act.action is Action.COMMAND for act in self._rig.records)
+        self._commands += sum(act.action is Action.COMMAND for act in self._rig.acts)
         self._impacts |= {e.stop: e for e in events if e.kind is EventKind.IMPACT}
         self._since_look += [event for event in events if event.time >= self._from]
         if self._begin is not None:

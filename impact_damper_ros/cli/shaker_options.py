@@ -12,7 +12,7 @@ from impact_damper_ros.measured.random_motion import LINES, RandomLines, random_
 from impact_damper_ros.measured.record import MeasuredRecord, read_records
 from impact_damper_ros.measured.sweep_levels import sweep_levels
 
-from .command_line import add_path_option, number, say, up_to
+from .command_line import add_path_option, number_in, say, up_to
 from .rig_options import RECORDS, GivenRig
 
 _TABLE = 'CSV with a header, as f [Hz], level'
@@ -42,7 +42,7 @@ def add_random_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--seed',
-        type=number(0, 2**31 - 1, whole=True),
+        type=number_in(0, 2**31 - 1, whole=True),
         default=1,
         metavar='N',
         help='seed of their phases [1]',

@@ -37,7 +37,7 @@ from impact_damper_ros.report.csv_tables import (
     open_table,
     row,
 )
-from impact_damper_ros.report.random_response_figure import response_figure, response_table
+from impact_damper_ros.report.random_response_figure import response_csv, response_figure
 from impact_damper_ros.report.record_figure import record_figure, record_text
 from impact_damper_ros.report.swept_response_figure import swept_figure, swept_table, swept_text
 from impact_damper_ros.report.table import Table
@@ -57,7 +57,7 @@ from .command_line import (
     check_outputs,
     command_parser,
     draw,
-    number,
+    number_in,
     outcome,
     path_of,
     progress_bar,
@@ -133,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--duration',
-        type=number(_SHORTEST, LATEST, 's'),
+        type=number_in(_SHORTEST, LATEST, 's'),
         metavar='T',
         help='time to simulate [s]; if a record is given, as long as that lasts',
     )
@@ -170,7 +170,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--rate',
-        type=number(_SLOWEST, _FASTEST, 'Hz'),
+        type=number_in(_SLOWEST, _FASTEST, 'Hz'),
         default=200.0,
         metavar='HZ',
         help='rate of --states and of the joint states in --bag [200]',
@@ -216,10 +216,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def _parameter_tables() -> str:
     groups = (PARAMETER_SPECS, INITIAL_SPECS), (STRUCTURE_SPECS,), (GAP_CONTROL_SPECS,)
-    return '\n'.join(parameter_table(*group) for group in groups)
+    return '\n'.join(parameter_markdown(*group) for group in groups)
 
 
-def parameter_table(*groups: Mapping[str, ParameterSpec]) -> str:
+def parameter_markdown(*groups: Mapping[str, ParameterSpec]) -> str:
     """Return name, unit, range, default and meaning of every parameter, in Markdown."""
     rows = [
         (
@@ -369,7 +369,7 @@ def _simulate(
         _write_sweep(arguments, rig.parameters, swept.response())
     if response is not None:
         found = response.response()
-        write_output(arguments.transmissibility, response_table, found)
+        write_output(arguments.transmissibility, response_csv, found)
         draw(arguments.figure, response_figure, found, rig_line(rig.parameters))
 
 

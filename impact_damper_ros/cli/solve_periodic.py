@@ -41,7 +41,7 @@ from .command_line import (
     discard_output,
     draw,
     long_work,
-    number,
+    number_in,
     outcome,
     text_stream,
     write_json,
@@ -82,7 +82,7 @@ def _stops(text: str) -> tuple[int, ...]:
 
 
 def _counts(text: str) -> range:
-    ends = [number(1, 64, whole=True)(word) for word in text.split(':')]
+    ends = [number_in(1, 64, whole=True)(word) for word in text.split(':')]
     if len(ends) > 2 or ends[0] > ends[-1]:
         raise argparse.ArgumentTypeError(f'{text!r}: give a number, or a range such as 1:4')
     return range(int(ends[0]), int(ends[-1]) + 1)

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
         ImpactStates as ImpactStates,
         LogCheck as LogCheck,
         LogVerdict as LogVerdict,
-        MeasuredMotion as MeasuredMotion,
         Overall as Overall,
         RunComparison as RunComparison,
+        SteadyPart as SteadyPart,
         StretchComparison as StretchComparison,
         Verdict as Verdict,
     )

@@ -15,9 +15,9 @@ from .result import (
     Array,
     EnergyBalance,
     ImpactStates,
-    MeasuredMotion,
     MotionCurve,
     Spectrum,
+    SteadyPart,
 )
 from .stretches import RecordedStretch
 
@@ -35,7 +35,7 @@ def measured_motion(
     end: float,
     period: ImpactStates | None = None,
     per_cycle: float = math.nan,
-) -> MeasuredMotion:
+) -> SteadyPart:
     """
     Measure a part of a stretch, as far as it was kept.
 
@@ -55,7 +55,7 @@ def measured_motion(
     cycles = (end - start) / cycle_of(rig) * steady
     if math.isnan(per_cycle) and cycles > 0.0:
         per_cycle = len(hits) / cycles
-    return MeasuredMotion(
+    return SteadyPart(
         start=start,
         end=end,
         x_max=largest,

@@ -54,7 +54,7 @@ class ImpactStates:
 
 
 @dataclass(frozen=True)
-class MeasuredMotion:
+class SteadyPart:
     """The steady part of a stretch or, if the motion does not settle, its second half."""
 
     #: The part measured, s.
@@ -329,7 +329,7 @@ class StretchComparison(LoggedStretch):
     #: Largest |X|, impacts and energy over the whole stretch.
     overall: Overall | None = None
     #: The steady part.
-    measured: MeasuredMotion | None = None
+    measured: SteadyPart | None = None
     #: The periodic motion predicted for the logged parameters, the nearest to the measured
     #: one, beginning at the same impact as `measured.last_period`.
     predicted: PeriodicOrbit | None = None

@@ -20,7 +20,7 @@ from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 from impact_damper_ros.replay import RecordedRun, Replay, WhatIf
 from impact_damper_ros.replay.command import Command
-from impact_damper_ros.replay.replay import Part
+from impact_damper_ros.replay.replay import RunPart
 from impact_damper_ros.replay.rows import NO_EVENTS
 
 from .result import Array, Overall
@@ -128,18 +128,18 @@ class _History:
 
     def __init__(self, start: Command) -> None:
         self._start = start
-        self._parts: list[Part] = []
+        self._parts: list[RunPart] = []
         #: Rig times at which the stretches of the recorded run begin, s
         self.begins: tuple[float, ...] = ()
         self.compiled = False
 
-    def recorded_parts(self, parts: Iterable[Part]) -> Iterator[Part]:
+    def recorded_parts(self, parts: Iterable[RunPart]) -> Iterator[RunPart]:
         """Yield the parts of the recorded run, and keep what was done in them."""
         for part in parts:
             if len(part.samples) or part.command is not None or part.before:
                 # The last sample shows how far the part goes.
                 last = part.samples[-1:]
-                self._parts.append(Part(last, NO_EVENTS, part.command, part.steps, part.before))
+                self._parts.append(RunPart(last, NO_EVENTS, part.command, part.steps, part.before))
             yield part
 
     def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:

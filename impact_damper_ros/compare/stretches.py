@@ -28,7 +28,7 @@ from impact_damper_ros.orbits.flight_integrals import Integrals
 from impact_damper_ros.parameters.all_parameters import unit_of
 from impact_damper_ros.parameters.quoting import setting
 from impact_damper_ros.parameters.rig_parameters import RigParameters
-from impact_damper_ros.replay import Part
+from impact_damper_ros.replay import RunPart
 from impact_damper_ros.replay.command import Command
 from impact_damper_ros.replay.rows import NO_SAMPLES, Events, Samples, impacts_of, samples_as_rows
 from impact_damper_ros.rig.rig import Rig
@@ -389,13 +389,13 @@ class Stretches:
         self._before: Mapping[str, Any] = {}
         self.start = self.end = math.nan
 
-    def of(self, parts: Iterable[Part]) -> Iterator[RecordedStretch]:
+    def of(self, parts: Iterable[RunPart]) -> Iterator[RecordedStretch]:
         """Yield each stretch of a whole run as soon as it ends."""
         for part in parts:
             yield from self.take(part)
         yield from self.finish()
 
-    def take(self, part: Part) -> Iterator[RecordedStretch]:
+    def take(self, part: RunPart) -> Iterator[RecordedStretch]:
         """Take the next part of the run; yield the stretch that it ends, if it does."""
         command = part.command
         self._before = part.before or self._before

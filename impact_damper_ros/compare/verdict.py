@@ -24,7 +24,7 @@ from impact_damper_ros.replay.rows import Samples
 
 from .measures import energy_balance, measured_motion, motion_curve, spectrum
 from .motion_kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
-from .predicted import (
+from .prediction import (
     SAME_DECAY,
     PeriodicMotion,
     impulses_of,

@@ -9,8 +9,8 @@ The energy is that of the stop itself, of mass `actuator_mass`: each start and e
 its kinetic energy at its speed, none of which is recovered by braking. Friction of the guides,
 and weight and inertia in the moving M, are left out. A stop that moves at once spends none.
 
-Commands that wait are rows of `Command` in a ring that begins at `first`, in the order in which
-they are carried out.
+Commands that wait are rows of `WaitingCommand` in a ring that begins at `first`, in the order in
+which they are carried out.
 """
 
 from __future__ import annotations

@@ -37,13 +37,13 @@ from .state import (
     PARTS,
     ROWS_AT_FIRST,
     Actuators,
-    Command,
     Control,
     ControllerState,
     ControlSettings,
     Estimates,
     Measurement,
     Refusal,
+    WaitingCommand,
     settings_fields,
 )
 from .timed_law import clear_timed_law, timed_law_crosses, timed_law_sees
@@ -74,7 +74,7 @@ def control_of(
     """Return the control of a rig at the start, with the stops at the gap."""
     control = Control(
         controller=ControllerState(),
-        commands=[Command() for _ in range(ROWS_AT_FIRST)],
+        commands=[WaitingCommand() for _ in range(ROWS_AT_FIRST)],
         settings=settings_of(p, parameters, own=law is not None),
         refusal=Refusal(),
         memory=[0.0] * MEMORY,
@@ -93,7 +93,7 @@ def packed_control(control: Control) -> Control:
 
     return control._replace(
         settings=one(control.settings),
-        commands=packed_rows(control.commands, Command)[np.newaxis],
+        commands=packed_rows(control.commands, WaitingCommand)[np.newaxis],
         memory=np.array([control.memory], float),
         law=compiled_law(control.law),
         **{name: one(part) for name, part in control.states().items()},

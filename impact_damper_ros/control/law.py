@@ -8,7 +8,7 @@ from math import inf, nan
 from impact_damper_ros.motion.compiled import kernel
 
 from .actuator import order_stops
-from .state import Control, Estimates, Measurement, Search, optimal_gap
+from .state import Control, Estimates, Measurement, Search, gap_for_amplitude
 
 #: Half cycles without an impact on a stop before it is moved in.
 _HALF_CYCLES_MISSED = 2
@@ -60,7 +60,7 @@ def reach_limit(missed: int, reach: float) -> float:
 def best_gap(control: Control) -> float:
     """Return the optimal gap for the amplitude as it is estimated, m."""
     p = control.settings
-    return optimal_gap(control.estimates.amplitude, p.mass_ratio, p.restitution, p.gap_max)
+    return gap_for_amplitude(control.estimates.amplitude, p.mass_ratio, p.restitution, p.gap_max)
 
 
 @kernel

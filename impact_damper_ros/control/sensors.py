@@ -124,7 +124,7 @@ _CLEAR_OF_NOISE = 4.0
 _HOLD_OFF = 0.02
 
 
-class Passage(NamedTuple):
+class ZeroPassage(NamedTuple):
     """
     Motion expected at the next passage of X through zero.
 
@@ -238,14 +238,14 @@ def forget_hits(estimates: Estimates) -> None:
 
 
 @kernel
-def next_passage(estimates: Estimates) -> Passage:
+def next_passage(estimates: Estimates) -> ZeroPassage:
     """
     Return the passage expected from the last sample.
 
     None is foreseen before the half cycle is known, and in its first half, when noise might show
     the last passage as one to come.
     """
-    unknown = Passage(nan, 0.0, 0.0, 0.0)
+    unknown = ZeroPassage(nan, 0.0, 0.0, 0.0)
     if estimates.half_cycle <= 0.0 or estimates.time != estimates.time:
         return unknown
     x = estimates.x
@@ -265,4 +265,4 @@ def next_passage(estimates: Estimates) -> Passage:
         rate = -rate
     z_rate = x_rate + estimates.y_rate
     place = x + estimates.y + z_rate * ahead
-    return Passage(estimates.time + ahead, rate, place, z_rate - rate)
+    return ZeroPassage(estimates.time + ahead, rate, place, z_rate - rate)

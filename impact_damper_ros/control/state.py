@@ -105,7 +105,9 @@ class Estimates:
 
 
 @kernel
-def optimal_gap(amplitude: float, mass_ratio: float, restitution: float, largest: float) -> float:
+def gap_for_amplitude(
+    amplitude: float, mass_ratio: float, restitution: float, largest: float
+) -> float:
     """Return the gap at which two impacts per cycle are at X = 0; see `Damper.optimal_gap`."""
     loss = (1.0 - restitution) * (1.0 + mass_ratio)
     travel = pi * amplitude * (1.0 + restitution)
@@ -148,7 +150,7 @@ class Damper(NamedTuple):
         From equal flights between impacts at X = 0 without friction and weight, and momentum and
         restitution at each impact: d* = pi A (1 + R)/((1 - R)(1 + mu)).
         """
-        return optimal_gap(amplitude, self.mass_ratio, self.restitution, largest)
+        return gap_for_amplitude(amplitude, self.mass_ratio, self.restitution, largest)
 
 
 def damper_of(parameters: RigParameters) -> Damper:
@@ -181,7 +183,7 @@ class Search:
 
 
 @dataclass(slots=True)
-class Command:
+class WaitingCommand:
     """
     A command that waits: when it is due, s, and the targets, Y in m; NaN for none.
 
@@ -466,16 +468,16 @@ class Control(NamedTuple):
     law: Any
 
     @property
-    def waiting(self) -> list[Command]:
+    def waiting(self) -> list[WaitingCommand]:
         """Commands that wait, in order."""
         rows, first = self.commands, self.actuators.first
         return [rows[(first + k) % len(rows)] for k in range(self.actuators.waiting)]
 
-    def _with_waiting(self, rows: list[Command]) -> Control:
+    def _with_waiting(self, rows: list[WaitingCommand]) -> Control:
         """Return the same control with other commands, and as much room again."""
         empty = max(ROWS_AT_FIRST, len(rows))
         self.actuators.first, self.actuators.waiting = 0, len(rows)
-        return self._replace(commands=rows + [Command() for _ in range(empty)])
+        return self._replace(commands=rows + [WaitingCommand() for _ in range(empty)])
 
     def with_more_room(self) -> Control:
         """Return the same control with more room for commands."""
@@ -485,7 +487,7 @@ class Control(NamedTuple):
         """Return this control in the state of one that was `packed`."""
         for name, part in self.states().items():
             unpack(getattr(rows, name)[0], part)
-        commands = [Command(*row) for row in rows.commands[0].tolist()]
+        commands = [WaitingCommand(*row) for row in rows.commands[0].tolist()]
         return self._replace(commands=commands, memory=rows.memory[0].tolist())
 
     def states(self) -> dict[str, Any]:
@@ -512,7 +514,7 @@ class Control(NamedTuple):
         """Return a control in the state of an `as_dict`."""
         own = {name: stored[name] for name in _OWN_FIELDS}
         parts: dict[str, Any] = {n: read_stored(PARTS[n], stored[n]) for n in PARTS}
-        rows = [read_stored(Command, row) for row in stored['actuators']['waiting']]
+        rows = [read_stored(WaitingCommand, row) for row in stored['actuators']['waiting']]
         return self._replace(controller=ControllerState(**own), **parts)._with_waiting(rows)
 
     @property

@@ -21,7 +21,7 @@ from impact_damper_ros.motion.compiled import kernel
 
 from .actuator import order_stops
 from .law import best_gap, place_stops, symmetric_place
-from .sensors import Passage, next_passage
+from .sensors import ZeroPassage, next_passage
 from .state import Control, ControlSettings, Estimates, Measurement, TimedLaw
 
 #: Least approach speed with independent stops, over |X'|.
@@ -43,7 +43,7 @@ _CLEAR_OF_DAMPER = 0.05
 
 
 @kernel
-def stop_to_close(p: ControlSettings, at: Passage, parked: float, optimal: float) -> int:
+def stop_to_close(p: ControlSettings, at: ZeroPassage, parked: float, optimal: float) -> int:
     """
     Return which stop to close for a passage, 1 or 2, or 0 for none.
 
@@ -112,7 +112,7 @@ def timed_law_crosses(control: Control, seen: Measurement) -> None:
     law.aimed = False
     law.parked = symmetric_place(control, control.settings.gap_control_park)
     if not aimed and law.closed == 0:
-        here = Passage(seen.time, seen.x_rate, seen.y, seen.y_rate)
+        here = ZeroPassage(seen.time, seen.x_rate, seen.y, seen.y_rate)
         close_stop(control, here, seen, inf)
     park_stops(control, seen, law.closed != 1, law.closed != 2)
 
@@ -132,7 +132,7 @@ def park_stops(control: Control, seen: Measurement, first: bool, second: bool) -
 
 
 @kernel
-def close_stop(control: Control, at: Passage, seen: Measurement, before: float) -> bool:
+def close_stop(control: Control, at: ZeroPassage, seen: Measurement, before: float) -> bool:
     """Order a stop to meet m at a passage; return whether one is ordered before an instant."""
     law: TimedLaw = control.timed_law
     estimates: Estimates = control.estimates

@@ -45,8 +45,8 @@ from impact_damper_ros.measured.sheet import (
 from impact_damper_ros.measured.table import (
     EQUAL_INTERVALS,
     MeasuredTable,
+    chosen_columns,
     odd_step,
-    table_of,
 )
 from impact_damper_ros.parameters.base_motion import quantity_of
 from impact_damper_ros.parameters.quoting import as_line, counted, shown
@@ -150,7 +150,7 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     """Read a measured motion from a file of columns, or raise `TableError`."""
     sheet = read_sheet(path)
     quantity, choices = choices_of(sheet, options)
-    table = table_of(sheet, choices)
+    table = chosen_columns(sheet, choices)
     table = _on_one_clock(table).between(options.first, options.last)
     table, digit = table.on_a_clock()
     columns = table.columns

@@ -16,7 +16,7 @@ from impact_damper_ros.parameters.quoting import as_line
 
 from .formats import content_of, read_sheet
 from .sheet import ACCELERATION, IMPACT, INSTANT, TIME, Array, Choice, TableError, choose
-from .table import table_of
+from .table import chosen_columns
 
 #: Fewest samples that are a signal.
 LEAST_SAMPLES = 20
@@ -51,7 +51,7 @@ def read_impacts(path: Path) -> tuple[Array, float]:
         found = choose(sheet, key, quantity, needed=False, without={instant.place})
         if found is not None:
             choices[key] = found
-    table = table_of(sheet, choices)
+    table = chosen_columns(sheet, choices)
     for name, instants in (('acceleration', spike_times), ('impact', rises)):
         if name in table.columns:
             table, _ = table.on_a_clock()

@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.parameter_spec import MAX_HARMONICS
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .sheet import FREQUENCY, LEVEL, Quantity, TableError
-from .table import MeasuredTable, read_table
+from .table import MeasuredTable, read_measured_table
 
 Array = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ def random_lines(
     if not 1 <= count <= MAX_HARMONICS - 1:
         raise TableError(f'{count} lines: give a number from 1 to {MAX_HARMONICS - 1}')
     wanted = LEVEL if quantity is None else _LEVELS[quantity]
-    table = read_table(path, {'frequency': FREQUENCY, 'level': wanted}, {'slope': _SLOPE})
+    table = read_measured_table(path, {'frequency': FREQUENCY, 'level': wanted}, {'slope': _SLOPE})
     level = table.columns['level']
     density = _density(table)
     amplitudes, rates, phases, width = density.lines(count, seed)

@@ -25,7 +25,7 @@ from impact_damper_ros.parameters.quoting import as_line, shown
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .sheet import ACCELERATION, BASE, FORCE, TIME, Quantity, TableError
-from .table import check_whole, read_table
+from .table import check_whole, read_measured_table
 
 Array = NDArray[np.float64]
 
@@ -150,7 +150,9 @@ def _expand(packed: str) -> str:
 
 def read_record(path: Path, quantity: str, cycle: float = 0.0) -> MeasuredRecord:
     """Read a record from a file; it has to last a cycle, s."""
-    table, digit = read_table(path, {'time': TIME, quantity: _COLUMNS[quantity]}).on_a_clock()
+    table, digit = read_measured_table(
+        path, {'time': TIME, quantity: _COLUMNS[quantity]}
+    ).on_a_clock()
     check_whole(table, digit)
     table.check_finite(quantity)
     times, values = table.columns['time'].values, table.columns[quantity].values

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.parameters.quoting import shown
 
-from .units import SHOWN, unit_of
+from .units import SHOWN, si_unit_of
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def heading(title: str, unit: str | None = None) -> Heading:
     """Return name and unit of a header: x [mm], Time (s) Run #1, Latest: x (m), t / s, x_mm."""
     title = title.strip()
     if unit:
-        return Heading(f'{title} [{unit}]', title, unit, unit_of(unit))
+        return Heading(f'{title} [{unit}]', title, unit, si_unit_of(unit))
     text = re.sub(r'^[^:\[(]*:\s+', '', title[:_LONGEST_TITLE])
     start = min((text.find(mark) for mark in '[(' if mark in text), default=-1)
     end = max(text.rfind(mark) for mark in '])')
@@ -103,19 +103,19 @@ def heading(title: str, unit: str | None = None) -> Heading:
         inner = [*re.finditer(r'[\[(][^\[\]()]*[\])]', text)]
         spans = [(start, end), *((m.start(), m.end() - 1) for m in reversed(inner))]
         for begin, last in spans:
-            if text[begin + 1 : last].strip() and unit_of(text[begin + 1 : last]):
+            if text[begin + 1 : last].strip() and si_unit_of(text[begin + 1 : last]):
                 start, end = begin, last
                 break
         own = text[start + 1 : end].strip()
         name = ' '.join(f'{text[:start]} {text[end + 1 :]}'.split())
-        return Heading(title, name, own, unit_of(own))
+        return Heading(title, name, own, si_unit_of(own))
     words = text.split('_' if '_' in text else None)
     # A time may be called by its unit alone
-    if words and len(words[0]) > 1 and (unit_of(words[0]) or ('',))[0] == 's':
+    if words and len(words[0]) > 1 and (si_unit_of(words[0]) or ('',))[0] == 's':
         text, unit = ' '.join(words[1:]) or 'time', words[0].casefold()
-        return Heading(title, text, unit, unit_of(unit))
+        return Heading(title, text, unit, si_unit_of(unit))
     beside = _BESIDE.fullmatch(text)
-    si = unit_of(beside[2], any_case=False) if beside else None
+    si = si_unit_of(beside[2], any_case=False) if beside else None
     if beside and si:
         return Heading(title, beside[1], beside[2], si)
     return Heading(title, text, None, None)
@@ -220,7 +220,7 @@ def choose(
     """
     if column:
         place = _place_of(sheet, key, column)
-        given = unit_of(unit) if unit else _unit_and_factor(sheet, place, quantity)
+        given = si_unit_of(unit) if unit else _unit_and_factor(sheet, place, quantity)
         if given is None or given[0] not in quantity.units:
             raise _unusable(sheet, key, quantity, place)
         return Choice(place, *given)

@@ -12,7 +12,7 @@ import numpy as np
 from impact_damper_ros.parameters.base_motion import quantity_of
 
 from .sheet import FREQUENCY, Quantity
-from .table import read_table
+from .table import read_measured_table
 
 _LEVEL = Quantity(
     (
@@ -27,7 +27,7 @@ _STEP = 1e-6
 
 def sweep_levels(path: Path) -> tuple[dict[str, Any], str]:
     """Return amplitude and notches of a sweep from a table, of base or force, and its columns."""
-    table = read_table(path, {'frequency': FREQUENCY, 'level': _LEVEL})
+    table = read_measured_table(path, {'frequency': FREQUENCY, 'level': _LEVEL})
     table.check_rising('frequency', steps=True)
     for key in ('frequency', 'level'):
         table.check_finite(key)

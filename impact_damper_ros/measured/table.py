@@ -25,7 +25,7 @@ from .sheet import Array, Choice, Quantity, Sheet, TableError, choose
 EQUAL_INTERVALS = 'give samples at equal intervals'
 
 
-class Column(NamedTuple):
+class MeasuredColumn(NamedTuple):
     """A column of a table in SI units, NaN where a number is missing."""
 
     values: Array
@@ -39,7 +39,7 @@ class MeasuredTable(NamedTuple):
     """The columns of a file that were looked for, by their keys."""
 
     source: str
-    columns: dict[str, Column]
+    columns: dict[str, MeasuredColumn]
     #: Of each row in the file, from 1.
     lines: NDArray[np.int64]
     #: Which columns are used, and which are not.
@@ -136,7 +136,7 @@ def odd_step(times: Array, row: int) -> str:
     return f'a step of {times[row] - times[row - 1]:.4g} s where the others are {usual:.4g} s'
 
 
-def read_table(
+def read_measured_table(
     path: Path, needed: Mapping[str, Quantity], optional: Mapping[str, Quantity] | None = None
 ) -> MeasuredTable:
     """Read the columns of a file that are needed, and those that may be there."""
@@ -149,16 +149,16 @@ def read_table(
         choice = choose(sheet, key, every[key], needed=key in needed, near=near)
         if choice is not None:
             found[key] = choice
-    return table_of(sheet, found)
+    return chosen_columns(sheet, found)
 
 
-def table_of(sheet: Sheet, choices: Mapping[str, Choice]) -> MeasuredTable:
+def chosen_columns(sheet: Sheet, choices: Mapping[str, Choice]) -> MeasuredTable:
     """Return the columns of a sheet that are chosen, in SI units."""
     numbers, lines = sheet.read([choice.place for choice in choices.values()])
     if len(lines) < 2:
         raise TableError(f'{sheet.source}: {len(lines)} rows: give at least 2')
     columns = {
-        key: Column(
+        key: MeasuredColumn(
             values * choice.factor, choice.unit, sheet.headings[choice.place].title, choice.factor
         )
         for (key, choice), values in zip(choices.items(), numbers, strict=True)

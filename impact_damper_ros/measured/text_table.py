@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.quoting import counted, shown
 
 from .sheet import CLOCK, FREQUENCY, TIME, Array, Heading, Sheet, TableError, heading
-from .units import unit_of
+from .units import si_unit_of
 
 #: Most rows and columns of a table, longest line, bytes, and lines among which the header is.
 _MOST_ROWS, _MOST_COLUMNS, _LONGEST_LINE, _HEAD = 5_000_000, 1000, 1_000_000, 2000
@@ -203,7 +203,7 @@ def _titles(header: str, row: str, delimiter: str) -> list[str]:
 
 def _are_units(cells: Sequence[str]) -> bool:
     """Return whether the cells of a row are units, or empty."""
-    known = [unit_of(cell.strip('[]()')) for cell in cells[:_CELLS_SEEN]]
+    known = [si_unit_of(cell.strip('[]()')) for cell in cells[:_CELLS_SEEN]]
     return all(known) and any(unit and unit[0] for unit in known)
 
 

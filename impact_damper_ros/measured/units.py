@@ -95,7 +95,7 @@ SHOWN = {
 }
 
 
-def unit_of(text: str, *, any_case: bool = True) -> tuple[str, float] | None:
+def si_unit_of(text: str, *, any_case: bool = True) -> tuple[str, float] | None:
     """Return the SI unit that a unit is one of, and the factor to it; None if it is not known."""
     plain = unicodedata.normalize('NFKC', text).strip().replace('μ', 'µ').replace('−', '-')
     if not plain:

@@ -22,11 +22,11 @@ from impact_damper_ros.rig.order import Order
 DEPTH = COMMAND_TOPICS['stop_commands'].qos.depth
 
 
-class CommandError(ValueError):
+class TopicCommandError(ValueError):
     """A command that cannot be carried out."""
 
 
-class Command(NamedTuple):
+class TopicCommand(NamedTuple):
     """A command: key and name of its topic, stamp or 0 for none, and what is ordered."""
 
     key: str
@@ -52,14 +52,14 @@ def read_stop_command(content: bytes) -> tuple[int, Order]:
     assert isinstance(message, JointState)
     strange = [name for name in message.name if name not in ('stop_1', 'stop_2')]
     if strange:
-        raise CommandError(
+        raise TopicCommandError(
             f'there is no joint {shown(strange[0])}: give stop_1, stop_2, both or none'
         )
     count = len(message.name)
     if len(set(message.name)) < count:
-        raise CommandError(f'it names {shown(message.name[0])} twice')
+        raise TopicCommandError(f'it names {shown(message.name[0])} twice')
     if len(message.position) != count or len(message.velocity) not in (0, count):
-        raise CommandError(
+        raise TopicCommandError(
             f'it has {counted(count, "joint")}, {counted(len(message.position), "position")} '
             f'and {len(message.velocity)} velocities: give one position each, and one '
             'velocity each or none'
@@ -67,11 +67,11 @@ def read_stop_command(content: bytes) -> tuple[int, Order]:
     places = {}
     for name, place in zip(message.name, message.position, strict=True):
         if place != place:
-            raise CommandError(f'{name} is nan: leave a joint out that is to stay')
+            raise TopicCommandError(f'{name} is nan: leave a joint out that is to stay')
         places[name] = place
     for name, velocity in zip(message.name, message.velocity, strict=False):
         if velocity != velocity:
-            raise CommandError(f'the velocity of {name} is nan: give none, or 0 for any')
+            raise TopicCommandError(f'the velocity of {name} is nan: give none, or 0 for any')
         if velocity:
             places[name.replace('stop', 'speed')] = abs(velocity)
     return message.stamp_ns, Order(**places)
@@ -81,9 +81,9 @@ def read_force_command(content: bytes) -> tuple[int, Order]:
     """Read a geometry_msgs/WrenchStamped as the active force on M, along the axis."""
     stamp_ns, _, force, *others = CdrReader(content).read(('time', 'string', *'dddddd'))
     if force != force:
-        raise CommandError('force.x is nan')
+        raise TopicCommandError('force.x is nan')
     if any(others):
-        raise CommandError('only force.x acts, along the axis: give 0 for the others')
+        raise TopicCommandError('only force.x acts, along the axis: give 0 for the others')
     return stamp_ns, Order(force=force)
 
 
@@ -99,7 +99,7 @@ class CommandInbox:
         self.refused = 0
         self.reason = ''
 
-    def take(self) -> list[Command]:
+    def take(self) -> list[TopicCommand]:
         """Return the commands that have come and can be read."""
         found = []
         for topic in self._topics:
@@ -111,13 +111,13 @@ class CommandInbox:
         return found
 
     @staticmethod
-    def _read(topic: CommandTopic, content: bytes) -> Command:
+    def _read(topic: CommandTopic, content: bytes) -> TopicCommand:
         if (count := topic.publishers()) > 1:
-            raise CommandError(
+            raise TopicCommandError(
                 f'there are {count} publishers: stop all but one (one that was killed counts for '
                 'up to 20 s more)'
             )
-        return Command(topic.key, topic.topic, *topic.read(content))
+        return TopicCommand(topic.key, topic.topic, *topic.read(content))
 
     def refuse(self, topic: str, reason: object) -> None:
         """Note that a command was not carried out."""

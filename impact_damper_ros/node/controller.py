@@ -102,7 +102,7 @@ def stops(**places: float) -> Any:
     return JointState(name=list(places), position=list(places.values()))
 
 
-def run(controller: Callable[[], Node]) -> None:
+def run_controller(controller: Callable[[], Node]) -> None:
     """Make a controller, and run it until a signal comes."""
     ended: list[int] = []
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)

@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from impact_damper_ros.bag.messages import String, clock_message, encode, with_stamp
 from impact_damper_ros.bag.rig_topics import PAUSED_RATE, RIG_TOPICS
 from impact_damper_ros.bag.snapshots import Snapshots
+from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.control.own_law import OwnLaw
-from impact_damper_ros.control.record import ControlRecord
 from impact_damper_ros.measured.record import read_records
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
@@ -261,7 +261,7 @@ class Engine:
         was = {**rig.parameters.as_dict(), **rig.control.as_dict()}
         events = self._alter(lambda: rig.change(now, control))
         self._snapshots.move_stamps(self._stamps.offset_ns)
-        self._send(events, rig.records)
+        self._send(events, rig.acts)
         self._snapshots.change(was, {**now.as_dict(), **control.as_dict()})
         self._release()
         self._new_course, self._news = True, self._news or 'change'
@@ -524,7 +524,7 @@ class Engine:
             self._rig.go_back(mark)
             raise
 
-    def _send(self, events: Sequence[Event], records: Sequence[ControlRecord]) -> None:
+    def _send(self, events: Sequence[Event], records: Sequence[ControlAct]) -> None:
         """Send what a change of the rig has caused."""
         for message in self._motion.messages_of(events, records, self._stamps.offset_ns):
             self._out.emit(*message)

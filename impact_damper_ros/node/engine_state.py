@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from enum import Enum
 from typing import Any, NamedTuple, TypeAlias
 
-from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 
 from .external_control import ControllerStatus
@@ -95,7 +95,7 @@ class EngineStatus(NamedTuple):
     pacing: PacingCounts
     control: GapControlParameters = GapControlParameters()
     commands: int = 0  # of the gap control
-    last_act: ControlRecord | None = None
+    last_act: ControlAct | None = None
     scheduling: str = ORDINARY
     held: str = ''  # the reason why the rig cannot continue
     events: int = 0  # impacts among them

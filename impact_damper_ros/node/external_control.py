@@ -20,7 +20,7 @@ from math import inf, nan
 from typing import NamedTuple
 
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS, RigMessages
-from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.control.sensors import mixed_bits, mixed_seed, uniform_of
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.node_settings import NodeSettings
@@ -28,7 +28,7 @@ from impact_damper_ros.rig.order import Order
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.tick_grid import TickGrid
 
-from .commands import Command, CommandError, CommandInbox
+from .commands import CommandInbox, TopicCommand, TopicCommandError
 from .rig_motion import RIG_FAILURES
 
 #: How much later or earlier than now a command may be stamped, if there is no `command_timeout`.
@@ -94,7 +94,7 @@ class ExternalControl:
         self._awaited_ns: int | None = None
         self._published_ns: int | None = None
         self._answered_ns: int | None = None
-        self._answers: dict[str, Command] = {}
+        self._answers: dict[str, TopicCommand] = {}
         self._given_up = False
         self._missed = 0
         # Commands refused before the one that is awaited; and those that answer the one before
@@ -208,9 +208,7 @@ class ExternalControl:
         for command in self._inbox.take():
             self._inbox.refuse(command.topic, reason)
 
-    def obey(
-        self, time_ns: int, stamp_ns: int
-    ) -> Iterator[tuple[list[Event], list[ControlRecord]]]:
+    def obey(self, time_ns: int, stamp_ns: int) -> Iterator[tuple[list[Event], list[ControlAct]]]:
         """Carry out the commands that have come; yield events and acts of each."""
         if not self._external:
             self._awaited_ns = None
@@ -226,7 +224,7 @@ class ExternalControl:
             self._parked = True
             yield self._carry_out(order)
 
-    def _commands(self, now_ns: int) -> list[Command]:
+    def _commands(self, now_ns: int) -> list[TopicCommand]:
         """Return the commands that are due now."""
         found, in_step = [], self._in_step
         for command in self._inbox.take():
@@ -240,7 +238,7 @@ class ExternalControl:
                     self._answers[command.key] = command
                 else:
                     self._check_repeated(command)
-            except CommandError as error:
+            except TopicCommandError as error:
                 self._inbox.refuse(command.topic, error)
         if self._awaited_ns is not None and self._topics <= self._answers.keys():
             # In one order, however they came
@@ -248,10 +246,10 @@ class ExternalControl:
             self._answered_ns, self._awaited_ns = self._awaited_ns, None
         return found
 
-    def _check_repeated(self, command: Command) -> None:
+    def _check_repeated(self, command: TopicCommand) -> None:
         """Raise a CommandError unless a measurement was answered again that was sent again."""
         if command.key not in self._topics:
-            raise CommandError(
+            raise TopicCommandError(
                 f'lock-step waits for {", ".join(self._topics)} only: start with lock_step:=both'
             )
         if command.stamp_ns == self._answered_ns:
@@ -260,18 +258,18 @@ class ExternalControl:
             last = 'of which there is none yet'
             if self._published_ns is not None:
                 last = f'{_seconds(self._published_ns)} s'
-            raise CommandError(
+            raise TopicCommandError(
                 f'its stamp is {_seconds(command.stamp_ns)} s, and lock-step takes only that of '
                 f'the last measurement, {last}'
             )
 
-    def _carry_out(self, order: Order) -> tuple[list[Event], list[ControlRecord]]:
+    def _carry_out(self, order: Order) -> tuple[list[Event], list[ControlAct]]:
         # A controller may answer that nothing is to be done.
         if not (order.stops or order.force == order.force):
             return [], []
         mark = self._rig.mark()
         try:
-            return self._rig.order(order), self._rig.records
+            return self._rig.order(order), self._rig.acts
         except RIG_FAILURES:
             self._rig.go_back(mark)
             raise
@@ -281,9 +279,9 @@ class ExternalControl:
             return
         late_s = (now_ns - stamp_ns) * 1e-9
         if late_s > (self.settings.command_timeout or _MOST_LATE_S):
-            raise CommandError(f'late: its stamp is {late_s:.3f} s before that of the rig')
+            raise TopicCommandError(f'late: its stamp is {late_s:.3f} s before that of the rig')
         if late_s < -_MOST_LATE_S:
-            raise CommandError(
+            raise TopicCommandError(
                 f'its stamp is {-late_s:.3f} s after that of the rig: give that of the '
                 'measurement, or 0'
             )

@@ -13,7 +13,7 @@ from math import ceil, inf, nextafter
 from time import monotonic_ns, thread_time_ns
 
 from impact_damper_ros.bag.rig_topics import RigMessages
-from impact_damper_ros.control.record import Action, ControlRecord
+from impact_damper_ros.control.act import Action, ControlAct
 from impact_damper_ros.motion.event import Event, EventKind
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
@@ -53,7 +53,7 @@ class RigMotion:
         self.trace = trace
         # So far; commands are those of the gap control
         self.events = self.impacts = self.commands = 0
-        self.last_act: ControlRecord | None = None
+        self.last_act: ControlAct | None = None
         self._rig = rig
         self._publishers = publishers
         self._encoder = RigMessages()
@@ -74,12 +74,10 @@ class RigMotion:
             raise
         return reached_ns, self.messages_of(events, records, offset_ns)
 
-    def _move(
-        self, time_ns: int, target_ns: int
-    ) -> tuple[int, list[Event], Sequence[ControlRecord]]:
+    def _move(self, time_ns: int, target_ns: int) -> tuple[int, list[Event], Sequence[ControlAct]]:
         rig = self._rig
         events = rig.advance(target_ns / 1e9, MOST_IN_PERIOD, _slice())
-        records = rig.records
+        records = rig.acts
         if rig.time >= target_ns / 1e9:
             return target_ns, events, records
         # Beyond the present instant, even if the events so far round to it: a change after some
@@ -89,10 +87,10 @@ class RigMotion:
         while reached_ns / 1e9 < later:
             reached_ns += 1
         events += rig.advance(reached_ns / 1e9, MOST_IN_PERIOD)
-        return reached_ns, events, [*records, *rig.records]
+        return reached_ns, events, [*records, *rig.acts]
 
     def messages_of(
-        self, events: Sequence[Event], records: Sequence[ControlRecord], offset_ns: int
+        self, events: Sequence[Event], records: Sequence[ControlAct], offset_ns: int
     ) -> list[OutgoingMessage]:
         """Take note of events and acts; return the messages of impacts, then those of acts."""
         if events:

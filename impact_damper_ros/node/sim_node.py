@@ -78,7 +78,7 @@ from .publishing import RigPublishers, TopicPublisher
 from .raw_subscription import RawSubscription
 from .recording import Recorder
 from .services import RigServices
-from .start_message import given_text, in_words, start_message
+from .start_message import argument_fault, given_text, start_message
 from .usage import answer
 
 
@@ -513,7 +513,7 @@ def _serve(arguments: Sequence[str], ended: Sequence[int]) -> int:
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:
-        return refuse(in_words(error, arguments))
+        return refuse(argument_fault(error, arguments))
     node = None
     try:
         if (code := answer_foreign(remove_ros_args(arguments)[1:])) is not None:

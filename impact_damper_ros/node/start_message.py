@@ -16,7 +16,7 @@ from impact_damper_ros.parameters.quoting import named, printable, shown
 from .parameters import NodeParameters
 
 
-def in_words(error: Exception, arguments: Sequence[str]) -> str:
+def argument_fault(error: Exception, arguments: Sequence[str]) -> str:
     """Return what is wrong with arguments that rcl cannot parse, and what to write instead."""
     for option, word in pairwise(arguments):
         if option == '--params-file' and (fault := fault_of_file(Path(word))):

@@ -283,7 +283,7 @@ class _SettlingRig:
         self._quiet = 0.5
         self._size = 0.0
         # Stops that are sent back after the control was switched off come to rest on the way
-        self._controlled = rig.acts
+        self._controlled = rig.moves_stops
         self._section: Array
         self.forget()
 
@@ -384,7 +384,7 @@ class _SettlingRig:
             kind = MotionKind.NO_IMPACTS if forced else MotionKind.AT_REST
         span, end = period.cycles * self.cycle, motion.end
         exponent, multiplier = motion.exponent, motion.multiplier
-        if not self.rig.acts:
+        if not self.rig.moves_stops:
             along = motion.deviations(max(motion.watched_from, end - 2.0 * span), end)
             exponent, multiplier = _periodic_exponent(along, span)
         return replace(motion, kind=kind, exponent=exponent, multiplier=multiplier)
@@ -399,7 +399,7 @@ class _SettlingRig:
             return motion
         if not (self.driven and self.in_step):
             motion = replace(motion, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
-        if self.rig.acts:
+        if self.rig.moves_stops:
             return motion
         along = motion.deviations(motion.watched_from, motion.end)
         exponent = growth_exponent(along, self.parameters.omega)

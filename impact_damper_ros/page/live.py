@@ -22,7 +22,7 @@ from impact_damper_ros.bag.messages import (
     decode,
 )
 from impact_damper_ros.bag.rig_topics import AXIS_JOINTS, IMPACT_JOINTS, JOINTS, PAUSED_FRAME
-from impact_damper_ros.control.record import CONTROL_JOINTS
+from impact_damper_ros.control.act import CONTROL_JOINTS
 from impact_damper_ros.parameters.upgrades import FormatError
 from impact_damper_ros.replay.command import parse_snapshot
 from impact_damper_ros.replay.rows import Messages

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.control.record import Action
+from impact_damper_ros.control.act import Action
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import (
     Events,

@@ -70,7 +70,7 @@ class YamlError(ValueError):
     """A file that cannot be read as YAML; the message names line, cause and remedy."""
 
 
-class Block(dict[Any, Any]):
+class LineMapping(dict[Any, Any]):
     """A mapping with the line of each key, from 1."""
 
     def __init__(self) -> None:
@@ -78,7 +78,7 @@ class Block(dict[Any, Any]):
         super().__init__()
         self.lines: dict[Any, int] = {}
 
-    def add(self, other: Block) -> None:
+    def add(self, other: LineMapping) -> None:
         """Add what another one has, in place of what is here by the same name."""
         self.update(other)
         self.lines.update(other.lines)
@@ -99,8 +99,8 @@ class _Loader(_Base):  # type: ignore[misc]
                 'it in another way, or in quotes if it is a text'
             ) from None
 
-    def construct_mapping(self, node: Any) -> Block:
-        block = Block()
+    def construct_mapping(self, node: Any) -> LineMapping:
+        block = LineMapping()
         for key_node, value_node in node.value:
             key, line = self.construct_object(key_node, deep=True), _line(key_node)
             if isinstance(key, list | dict):
@@ -254,7 +254,7 @@ def _missing(node: str, keys: Collection[str]) -> str:
     return f'no parameters for {named(node)} among {", ".join(names)}: {remedy}'
 
 
-def _block(key: str, value: Any) -> Block:
+def _block(key: str, value: Any) -> LineMapping:
     """Return the parameters of an entry."""
     if not isinstance(value, dict):
         raise ParametersFileError(f'{named(key)} stands in no block of parameters: {_HEAD}')
@@ -263,31 +263,31 @@ def _block(key: str, value: Any) -> Block:
             f'{named(key)} has no ros__parameters: below it, write the line '
             '"ros__parameters:" and the parameters below that'
         )
-    block = value['ros__parameters'] or Block()
-    if not isinstance(block, Block):
+    block = value['ros__parameters'] or LineMapping()
+    if not isinstance(block, LineMapping):
         raise ParametersFileError(
             f'ros__parameters of {named(key)} is not a list of "name: value" lines'
         )
     return block
 
 
-def _merged(entries: Iterable[tuple[str, Any]], node: str) -> Block:
+def _merged(entries: Iterable[tuple[str, Any]], node: str) -> LineMapping:
     """
     Return the parameters that entries give a node, as ROS does: of several the last one counts.
 
     A name that stands there again adds to what is at its first place.
     """
-    blocks: dict[str, Block] = {}
+    blocks: dict[str, LineMapping] = {}
     for key, value in entries:
         if _is_of(key, node):
-            blocks.setdefault(key, Block()).add(_block(key, value))
-    found = Block()
+            blocks.setdefault(key, LineMapping()).add(_block(key, value))
+    found = LineMapping()
     for block in blocks.values():
         found.add(block)
     return found
 
 
-def _values(path: Path, node: str) -> Block:
+def _values(path: Path, node: str) -> LineMapping:
     """Return the values of known parameters that a file sets for a node."""
     entries = _entries(path)
     keys = dict.fromkeys(key for key, _ in entries)
@@ -355,7 +355,7 @@ def values_given(
             left, _, text = next(words, '').partition(':=')
             owner, _, name = left.rpartition(':')
             with suppress(ValueError):
-                given = Block()
+                given = LineMapping()
                 given[name] = yaml_value(text)
                 entries.append((owner or '/**', {'ros__parameters': given}))
                 if _is_of(entries[-1][0], node):

@@ -78,7 +78,7 @@ def split_number(text: str) -> tuple[float | None, str, str]:
     return float(point), found[2].strip(), other
 
 
-def quantity(text: str, unit: str) -> float:
+def si_value(text: str, unit: str) -> float:
     """Return a number in SI that may have a unit of its own, as 500ms; or raise ValueError."""
     number, own, other = split_number(text)
     if number is None or other or (own and own not in UNITS.get(unit, ())):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
         Findings as Findings,
         ReplayVerdict as ReplayVerdict,
     )
-    from .replay import Part as Part, Replay as Replay
+    from .replay import Replay as Replay, RunPart as RunPart
     from .run import RecordedRun as RecordedRun, Rows as Rows
     from .what_if import WhatIf as WhatIf
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 from impact_damper_ros.bag import RecordedMessage, RecordingError, String
 from impact_damper_ros.bag.messages import STRING, decode
-from impact_damper_ros.bag.snapshots import RATES, motion_of
+from impact_damper_ros.bag.snapshots import RATES, without_search
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.gap_control_parameters import (
@@ -306,7 +306,7 @@ def restore_rig(command: Command, path: Path) -> Rig:
     looks, now = iter(range(_MOST_LOOKS)), command.state['time']
     # Not to an instant that is reached already: such an advance cannot be interrupted
     then, fault = min(nextafter(now, inf), LATEST), ''
-    rig = Rig.restore(motion_of(command.state), command.law)
+    rig = Rig.restore(without_search(command.state), command.law)
     try:
         events: Sequence[Event] = rig.advance(then, 2, lambda: next(looks, None) is None)
     except RunawayError as error:

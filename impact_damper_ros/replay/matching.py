@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS
-from impact_damper_ros.control.record import CONTROL_JOINTS
+from impact_damper_ros.control.act import CONTROL_JOINTS
 
 from .findings import ACT, IMPACT, Findings, SampleGap
 from .rows import Messages, Numbers

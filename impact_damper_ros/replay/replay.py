@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.messages import JOINT_STATE, message_row
 from impact_damper_ros.bag.rig_topics import JOINTS
-from impact_damper_ros.bag.snapshots import mathematics, motion_of
-from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.bag.snapshots import mathematics, without_search
+from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.motion.event import table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
@@ -37,7 +37,6 @@ from impact_damper_ros.rig.snapshot import ARITHMETIC
 from .command import Command, Setting, restore_rig
 from .findings import Findings, SampleGap
 from .matching import Matcher, NearMatcher, differing_states, expected_states, note_states
-from .passage import Passage
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
@@ -54,6 +53,7 @@ from .rows import (
     samples_as_rows,
 )
 from .run import RecordedRun, Rows
+from .run_samples import RunSamples
 from .shadowing import Shadowing, near
 
 #: A longer time without samples, and without so many of them, counts as a wrong stamp. After the
@@ -71,7 +71,7 @@ _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it
 Step = Setting | InitialConditions
 
 
-class Part(NamedTuple):
+class RunPart(NamedTuple):
     """
     A piece of a run, as replayed: first samples and events, then what was done at its end.
 
@@ -192,7 +192,7 @@ class Replay:
             progress(self._time_ns / 1e9)
         return self.findings
 
-    def __iter__(self) -> Iterator[Part]:
+    def __iter__(self) -> Iterator[RunPart]:
         """Replay, part by part."""
         for item in self.recorded.walk():
             if isinstance(item, Rows):
@@ -205,7 +205,7 @@ class Replay:
 
     # The rows
 
-    def _take_rows(self, rows: Rows) -> Part:
+    def _take_rows(self, rows: Rows) -> RunPart:
         impacts, acts = self._matchers
         acts.take(rows.acts)
         if self._shadowing is not None:
@@ -218,7 +218,7 @@ class Replay:
         states = states[self._usable(states['stamp_ns'] - findings.offset_ns)]
         times_ns = states['stamp_ns'] - findings.offset_ns
         if not len(states):
-            return Part(NO_SAMPLES, NO_EVENTS)
+            return RunPart(NO_SAMPLES, NO_EVENTS)
         instants = times_ns / 1e9
         orders = self._orders_until(instants[-1])
         if self._shadowing is not None:
@@ -251,10 +251,10 @@ class Replay:
             return self._shadowing.follow(nothing, np.empty(0), until, orders).events
         passage = self.passage(self.rig, (), until, deque(orders))
         self.note_refusals(passage)
-        self._expect(passage.events, passage.records)
+        self._expect(passage.events, passage.acts)
         return passage.events
 
-    def _note_rows(self, done: Advance, states: Messages, times_ns: Ints) -> Part:
+    def _note_rows(self, done: Advance, states: Messages, times_ns: Ints) -> RunPart:
         """Note what differs in joint states, and the gaps between them."""
         findings, first = self.findings, self.findings.end_ns is None
         findings.samples += len(states)
@@ -275,7 +275,7 @@ class Replay:
                 matcher.forget(begun_ns)
         for matcher in self._matchers:
             matcher.settle(findings.offset_ns + self._time_ns)
-        return Part(done.samples, events)
+        return RunPart(done.samples, events)
 
     def _usable(self, times_ns: Ints) -> NDArray[np.bool_]:
         """Return which rig times are possible after the present one."""
@@ -297,11 +297,11 @@ class Replay:
 
     def passage(
         self, rig: Rig, instants: Numbers | tuple[()], until: float, orders: deque[TimedOrder]
-    ) -> Passage:
+    ) -> RunSamples:
         """Let a rig run on through instants to a later one, with the orders on the way."""
         rig.compiled = self._compiled and rig.own_law is None
         try:
-            return Passage(rig, instants).go(until, orders)
+            return RunSamples(rig, instants).go(until, orders)
         except _FAILURES as error:
             raise self._cannot_go_on(rig, str(error)) from error
 
@@ -315,7 +315,7 @@ class Replay:
             raise self._cannot_go_on(rig, result.reason)
         return result.events
 
-    def note_refusals(self, passage: Passage) -> None:
+    def note_refusals(self, passage: RunSamples) -> None:
         """Note the orders that the rig could not carry out."""
         for time, error in passage.refusals:
             self.findings.fault(
@@ -333,13 +333,13 @@ class Replay:
         instants = times_ns / 1e9
         found = self.passage(self.rig, instants, float(instants[-1]), deque(orders))
         self.note_refusals(found)
-        self._expect(found.events, found.records)
+        self._expect(found.events, found.acts)
         numbers = published_states(found.samples, self.rig.parameters)
         expected = expected_states(states, numbers)
         differs = differing_states(states, expected)
         return Advance(found.samples, found.events, expected, differs)
 
-    def _expect(self, events: Events, records: list[ControlRecord]) -> None:
+    def _expect(self, events: Events, records: list[ControlAct]) -> None:
         if self._shadowing is not None:
             self._shadowing.take_consequences(events, records)
             return
@@ -371,7 +371,7 @@ class Replay:
         self._command = start
         self.findings.snapshots += 1
         # What a rig has no use for must be as a rig writes it, too.
-        replayed = motion_of(self.rig.snapshot())
+        replayed = without_search(self.rig.snapshot())
         if self._shadowing is None or not near(start.state, replayed):
             for name, there, here in differences(start.state, replayed):
                 self._differ(self.recorded.topics.snapshot, name, there, here)
@@ -385,7 +385,7 @@ class Replay:
                 topic = self.recorded.topics.snapshot
                 self._differ(topic, f'origin.{name}', origin[name], expected)
 
-    def _take_command(self, command: Command) -> Iterator[Part]:
+    def _take_command(self, command: Command) -> Iterator[RunPart]:
         findings, last, topic = self.findings, self._command, self.recorded.topics.snapshot
         assert last is not None
         if command.time_ns < self._time_ns:
@@ -417,7 +417,7 @@ class Replay:
         if findings.end_ns is None and not self._own:
             events = NO_EVENTS
         everything = np.concatenate([events, *more])
-        yield Part(NO_SAMPLES, everything, command, steps, before, orders)
+        yield RunPart(NO_SAMPLES, everything, command, steps, before, orders)
 
     def _carry_out(self, command: Command) -> tuple[list[tuple[int, Step]], list[Events]]:
         """Do what was done; return the changes and resets, and the events that they caused."""
@@ -446,7 +446,7 @@ class Replay:
                     if setting != present:
                         events = table_of_events(rig.change(*setting))
                         found.append(events)
-                        self._expect(events, rig.records)
+                        self._expect(events, rig.acts)
                         findings.changes += 1
                         steps.append((command.time_ns, setting))
             except (ParameterError, TypeError, ValueError) as error:
@@ -466,7 +466,7 @@ class Replay:
                 name = 'stamp_offset_ns'
                 self._differ(topic, name, command.offset_ns, findings.offset_ns)
             findings.offset_ns = command.offset_ns
-        recorded, replayed = command.state, motion_of(self.rig.snapshot())
+        recorded, replayed = command.state, without_search(self.rig.snapshot())
         wrong = [
             (f'initial.{name}', there, here)
             for name, there, here in differences(command.initial.as_dict(), self.initial.as_dict())
@@ -499,7 +499,7 @@ class Replay:
 
     # The end
 
-    def _finish(self) -> Part:
+    def _finish(self) -> RunPart:
         """Compare the messages after the last sample, and report the faults of the bag."""
         findings, recorded = self.findings, self.recorded
         end_ns = findings.offset_ns + self._time_ns
@@ -527,7 +527,7 @@ class Replay:
         if findings.other_bits:
             findings.remark(self._on_other_bits())
         findings.unchecked = self._topics_not_compared()
-        return Part(NO_SAMPLES, events, before=before)
+        return RunPart(NO_SAMPLES, events, before=before)
 
     def _topics_not_compared(self) -> tuple[str, ...]:
         """Return the topics that are not compared with the replay."""

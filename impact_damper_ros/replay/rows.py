@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
-from impact_damper_ros.control.record import Action, ControlRecord
+from impact_damper_ros.control.act import Action, ControlAct
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind, Sample
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.observed_run import TimedOrder
@@ -85,7 +85,7 @@ def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Mes
     return found
 
 
-def published_acts(records: Sequence[ControlRecord], offset_ns: int) -> Messages:
+def published_acts(records: Sequence[ControlAct], offset_ns: int) -> Messages:
     """Return the messages of acts of the gap control."""
     times = np.array([record.time for record in records])
     numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 9)

@@ -23,8 +23,8 @@ import numpy as np
 from impact_damper_ros.bag import RecordedMessage, RecordingError, RunReader, String
 from impact_damper_ros.bag.messages import JOINT_STATE, STRING, JointStateRows, decode, message_row
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
+from impact_damper_ros.control.act import CONTROL_JOINTS
 from impact_damper_ros.control.own_law import OwnLaw
-from impact_damper_ros.control.record import CONTROL_JOINTS
 from impact_damper_ros.parameters.quoting import counted
 
 from .command import Command, Head, parse_snapshot, read_command, read_head

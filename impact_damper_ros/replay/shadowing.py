@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag.messages import message_row
-from impact_damper_ros.bag.snapshots import motion_of
-from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.bag.snapshots import without_search
+from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.rig.observed_run import TimedOrder
 from impact_damper_ros.rig.rig import Rig
@@ -35,7 +35,6 @@ from .matching import (
     differing_states,
     expected_states,
 )
-from .passage import Passage
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,
@@ -49,6 +48,7 @@ from .rows import (
     published_impacts,
     published_states,
 )
+from .run_samples import RunSamples
 
 
 class Replayed(Protocol):
@@ -59,13 +59,13 @@ class Replayed(Protocol):
 
     def passage(
         self, rig: Rig, instants: Numbers, until: float, orders: deque[TimedOrder]
-    ) -> Passage:
+    ) -> RunSamples:
         """Let a rig run on through instants to a later one, with the orders on the way."""
 
     def to_event(self, rig: Rig, time: float) -> Events:
         """Let a rig run on to an instant, or to the next event."""
 
-    def note_refusals(self, passage: Passage) -> None:
+    def note_refusals(self, passage: RunSamples) -> None:
         """Note the orders that a rig could not carry out."""
 
 
@@ -90,7 +90,7 @@ def _nudge(rig: Rig, later: float = 0.0) -> Rig:
     for name in ('x', 'velocity', 'relative_velocity'):
         origin[name] *= 1.0 + _NUDGE
     state = _shift(state, rig, later) if later else state
-    return Rig.restore(motion_of(state), rig.own_law)
+    return Rig.restore(without_search(state), rig.own_law)
 
 
 def _shift(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
@@ -138,7 +138,7 @@ class Shadowing:
         """Take recorded impacts."""
         self._waiting = np.concatenate([self._waiting, impacts])
 
-    def take_consequences(self, events: Events, records: list[ControlRecord]) -> None:
+    def take_consequences(self, events: Events, records: list[ControlAct]) -> None:
         """Take what a change of the replay's rig has brought at once."""
         rig, offset_ns = self._replay.rig, self._replay.findings.offset_ns
         impacts = published_impacts(events, rig.parameters, offset_ns)
@@ -208,8 +208,8 @@ class Shadowing:
     def _expect_acts(
         self,
         since: float,
-        records: list[ControlRecord],
-        others: list[ControlRecord],
+        records: list[ControlAct],
+        others: list[ControlAct],
         *,
         alike: bool,
     ) -> None:
@@ -273,7 +273,7 @@ class Shadowing:
         if not alike:
             replay.findings.undecided += 1
             differs[:] = False
-        self._expect_acts(since, mine.records, other.records, alike=alike)
+        self._expect_acts(since, mine.acts, other.acts, alike=alike)
         for hit in impacts_of(events) if alike else ():
             stamp_ns = replay.findings.offset_ns + round(float(hit['time']) * 1e9)
             self._matcher.differ(stamp_ns, IMPACT, '', None, f'stop_{hit["stop"]}')
@@ -281,17 +281,17 @@ class Shadowing:
 
     def _to_impact(
         self, rig: Rig, until: float, orders: deque[TimedOrder]
-    ) -> tuple[Events, list[ControlRecord]]:
+    ) -> tuple[Events, list[ControlAct]]:
         """Run on to the next impact, or for some time beyond it."""
         found, records = [NO_EVENTS], []
         while rig.time < until:
             if orders and orders[0].time <= rig.time:
                 passage = self._replay.passage(rig, np.empty(0), rig.time, orders)
                 found.append(passage.events)
-                records += passage.records
+                records += passage.acts
             stop = min(until, orders[0].time) if orders else until
             found.append(self._replay.to_event(rig, stop))
-            records += rig.records
+            records += rig.acts
             if (found[-1]['kind'] == EventKind.IMPACT).any():
                 break
         return np.concatenate(found), records
@@ -346,5 +346,5 @@ class Shadowing:
         late = here - time
         late -= math.copysign(min(abs(late), 0.5 * _STAMP_S), late)
         state = _shift(state, rig, -late)
-        replay.rig = Rig.restore(motion_of(state), rig.own_law)
+        replay.rig = Rig.restore(without_search(state), rig.own_law)
         self._near = _nudge(replay.rig, _STAMP_S)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from impact_damper_ros.bag import RigRecorder
-from impact_damper_ros.bag.snapshots import motion_of
+from impact_damper_ros.bag.snapshots import without_search
 from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.motion.event import Event, table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
@@ -29,9 +29,9 @@ from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD
 
 from .command import Command, Setting
-from .passage import Passage
-from .replay import Part, Step
+from .replay import RunPart, Step
 from .rows import NO_EVENTS, Events
+from .run_samples import RunSamples
 
 
 class WhatIf:
@@ -89,7 +89,7 @@ class WhatIf:
         self._most_in_period = most_in_period
         self.refusals: list[tuple[float, ParameterError]] = []
         self._held = dict(held)
-        self.reached = Part.empty()
+        self.reached = RunPart.empty()
         self._held_initial = dict(held_initial or {})
         self._logged = Setting.of(start.state)
         setting = self._logged.replace_values(held)
@@ -113,7 +113,7 @@ class WhatIf:
         if rig is None:
             self._early += self._change(start.time_ns, setting)
 
-    def follow(self, part: Part) -> Part:
+    def follow(self, part: RunPart) -> RunPart:
         """
         Go on to the end of a part of the recorded run.
 
@@ -132,7 +132,7 @@ class WhatIf:
         RecordingError
             If the recording fails.
         """
-        passage = Passage(self.rig, part.samples['time'])
+        passage = RunSamples(self.rig, part.samples['time'])
         early, self._early = self._early, []
         command, before = part.command, {}
         caused: list[Events] = []
@@ -150,7 +150,9 @@ class WhatIf:
         finally:
             self.refusals += passage.refusals
             events = np.concatenate([NO_EVENTS, *early, passage.events, *caused])
-            self.reached = Part(passage.samples, events, command, part.steps, before, part.orders)
+            self.reached = RunPart(
+                passage.samples, events, command, part.steps, before, part.orders
+            )
         return self.reached
 
     def close(self) -> None:
@@ -231,7 +233,7 @@ def _from_initial(
     initial = start.initial
     try:
         fresh = Rig(logged.rig, initial, control=logged.control, law=start.law).snapshot()
-        if motion_of(fresh) != motion_of(start.state):
+        if without_search(fresh) != without_search(start.state):
             return None
         held = InitialConditions(**{**initial.as_dict(), **held_initial})
         return Rig(setting.rig, held, control=setting.control, law=start.law)

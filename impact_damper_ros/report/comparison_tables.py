@@ -19,7 +19,7 @@ from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from .formatting import NONE, Unit, instant, number, quantity, unit_for
 from .ring_down_figure import percent_of_loss
 from .swept_response_figure import base_amplitude, level_of
-from .table import Column, Table
+from .table import ColumnHead, Table
 from .transmissibility_text import TRANSMISSIBILITY_NAMES
 
 #: Changes that are named where a stretch begins; impacts of a period that are listed.
@@ -51,7 +51,7 @@ def cause_of(stretch: StretchComparison) -> str:
     return f'{", ".join(first)} and {len(changes) - _MOST_CHANGES} more changes'
 
 
-def motion_of(stretch: StretchComparison) -> str:
+def motion_words(stretch: StretchComparison) -> str:
     """Return the kind of motion in a few words."""
     count, cycles = stretch.impacts_per_period, stretch.cycles
     if not count or not cycles:
@@ -78,7 +78,7 @@ def overview_table(
             s.verdict,
             f'{instant(s.start)} to {instant(s.end)}',
             cause_of(s),
-            motion_of(s),
+            motion_words(s),
             NONE if m is None else number(m.impacts_per_cycle, 4),
             NONE if m is None else number(unit.factor * m.x_max, 5),
             swing(s.predicted),
@@ -86,14 +86,14 @@ def overview_table(
         for s, m in zip(stretches, measured, strict=True)
     ]
     columns = [
-        Column('stretch', 'text'),
-        Column('verdict', 'verdict'),
-        Column('rig time [s]', 'span'),
-        Column('begins with', 'text'),
-        Column('motion', 'text'),
-        Column('impacts per cycle'),
-        Column(f'largest |X| [{unit.name}]'),
-        Column(f'predicted [{unit.name}]'),
+        ColumnHead('stretch', 'text'),
+        ColumnHead('verdict', 'verdict'),
+        ColumnHead('rig time [s]', 'span'),
+        ColumnHead('begins with', 'text'),
+        ColumnHead('motion', 'text'),
+        ColumnHead('impacts per cycle'),
+        ColumnHead(f'largest |X| [{unit.name}]'),
+        ColumnHead(f'predicted [{unit.name}]'),
     ]
     note = (
         'Impacts per cycle and largest |X| are those of the steady part, or of the second half of '
@@ -151,7 +151,7 @@ def overall_table(
     }
     rows = [(name, *(text(e) for text in columns.values())) for name, e in entries.items()]
     text = 'Over whole stretches, transients included. '
-    heads = [Column('stretch', 'text'), *map(Column, columns)]
+    heads = [ColumnHead('stretch', 'text'), *map(ColumnHead, columns)]
     return Table(heads, [('', rows)], 'Largest |X|, impacts and energy', text + note)
 
 
@@ -197,7 +197,7 @@ def comparison_table(stretch: StretchComparison) -> Table | None:
         note += f'At the end the motion is {number(decay.distance, 2)} of its size from the '
         note += f'predicted one; the digits resolve {number(decay.floor, 1)}.'
     names = 'measured', 'predicted', 'difference'
-    columns = [Column('quantity', 'text'), *map(Column, names), Column('unit', 'text')]
+    columns = [ColumnHead('quantity', 'text'), *map(ColumnHead, names), ColumnHead('unit', 'text')]
     span = f'{instant(measured.start)} s to {instant(measured.end)} s'
     groups = [(f'Motion, measured from {span}', whole)]
     return Table(columns, groups, 'Measured and predicted', note)
@@ -222,12 +222,12 @@ def ring_down_table(stretch: StretchComparison) -> Table | None:
         for size, acceleration, count, loss, _, _ in zip(*curve.values(), strict=True)
     ][::-1]
     columns = [
-        Column(f'amplitude [{unit.name}]'),
-        Column('[g]'),
-        Column('cycles'),
-        Column('loss Ψ'),
-        Column('loss factor'),
-        Column('ζ [%]'),
+        ColumnHead(f'amplitude [{unit.name}]'),
+        ColumnHead('[g]'),
+        ColumnHead('cycles'),
+        ColumnHead('loss Ψ'),
+        ColumnHead('loss factor'),
+        ColumnHead('ζ [%]'),
     ]
     note = (
         f'{counted(len(found.loss), "cycle")} from '
@@ -265,14 +265,14 @@ def response_table(stretch: StretchComparison) -> Table | None:
         for k in range(0, len(found.time), step)
     ]
     columns = [
-        Column('way', 'text'),
-        Column('[Hz]'),
-        Column(f'level [{unit}]'),
-        Column(f'|X| [{length.name}]'),
-        Column(f'without damper [{length.name}]'),
-        *map(Column, [f'|X − b| [{length.name}]', '|X|/|b|'][: len(of_base)]),
-        Column('|X″| [g]'),
-        Column('impacts per cycle'),
+        ColumnHead('way', 'text'),
+        ColumnHead('[Hz]'),
+        ColumnHead(f'level [{unit}]'),
+        ColumnHead(f'|X| [{length.name}]'),
+        ColumnHead(f'without damper [{length.name}]'),
+        *map(ColumnHead, [f'|X − b| [{length.name}]', '|X|/|b|'][: len(of_base)]),
+        ColumnHead('|X″| [g]'),
+        ColumnHead('impacts per cycle'),
     ]
     note = 'The largest values at each frequency, late in its time; without damper the settled |X|'
     if step > 1:
@@ -286,12 +286,12 @@ def impact_table(stretch: StretchComparison) -> Table | None:
     last = None if stretch.measured is None else stretch.measured.last_period
     if last is None or not last.stops:
         return None
-    columns, heads = [], [Column('', 'text')]
+    columns, heads = [], [ColumnHead('', 'text')]
     for field, name, unit in _AT_IMPACTS:
         there = getattr(last, field)
         here = stretch.predicted_impulse if field == 'impulse' else getattr(orbit, field, ())
         handy = unit_for(unit, there, here) if unit != 'cycles' else Unit(1.0, unit)
-        heads.append(Column(f'{name} [{handy.name}]'))
+        heads.append(ColumnHead(f'{name} [{handy.name}]'))
         columns.append((field, handy.factor, there, here))
     groups = []
     for i, stop in enumerate(last.stops[:_MOST_IMPACTS]):
@@ -346,10 +346,10 @@ def energy_table(stretch: StretchComparison) -> Table | None:
         for (name, _), value in zip(given + taken, values, strict=True)
     ]
     columns = [
-        Column('', 'text'),
-        Column(f'{unit.name} per {span}'),
-        Column('% of input'),
-        Column('', 'bars'),
+        ColumnHead('', 'text'),
+        ColumnHead(f'{unit.name} per {span}'),
+        ColumnHead('% of input'),
+        ColumnHead('', 'bars'),
     ]
     explained = number(unit.factor * energy.tolerance / periods, 2)
     note = f'Mean of {energy.periods} {span}s from {instant(energy.start)} to '
@@ -369,7 +369,7 @@ def multiplier_table(stretch: StretchComparison) -> Table | None:
     ]
     stable = 'all within the unit circle' if orbit.stable else 'not all within the unit circle'
     note = f'In each period deviations are multiplied by these: {stable}.'
-    columns = [Column('', 'text'), Column('modulus'), Column('angle [°]')]
+    columns = [ColumnHead('', 'text'), ColumnHead('modulus'), ColumnHead('angle [°]')]
     return Table(columns, [('', rows)], 'Multipliers of the predicted motion', note)
 
 
@@ -382,7 +382,7 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
 
     values = values_of(stretch)
     units = {name: unit_of(name, values) for name in values}
-    columns = [Column('parameter', 'text'), Column('value'), Column('unit', 'text')]
+    columns = [ColumnHead('parameter', 'text'), ColumnHead('value'), ColumnHead('unit', 'text')]
     if before is None:
         rows = [(name, value, units[name]) for name, value in values.items()]
         return Table(columns, [('', rows)], 'Parameters', 'As logged.')
@@ -392,7 +392,7 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
         return None
     lines = [(n, values[n], units[n], earlier.get(n, NONE)) for n in changed]
     note = f'All others are those of stretch {before.number}.'
-    return Table([*columns, Column('before')], [('', lines)], 'Changed parameters', note)
+    return Table([*columns, ColumnHead('before')], [('', lines)], 'Changed parameters', note)
 
 
 #: What is shown of a stretch, in order.

@@ -25,7 +25,7 @@ from .charts import PICTURES
 from .comparison_tables import (
     STRETCH_TABLES,
     cause_of,
-    motion_of,
+    motion_words,
     overall_table,
     overview_table,
     parameter_table,
@@ -114,7 +114,7 @@ def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
             f'at most; {counted(stretch.impacts, "impact")}',
         )
         return
-    yield 'Motion', motion_of(stretch), what
+    yield 'Motion', motion_words(stretch), what
     if measured is not None:
         theory = 'no prediction'
         if orbit is not None:

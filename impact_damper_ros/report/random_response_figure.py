@@ -30,7 +30,7 @@ _COLUMNS = (
 )
 
 
-def response_table(found: RandomResponse) -> str:
+def response_csv(found: RandomResponse) -> str:
     """Return the lines as CSV."""
     return csv_text(dict(zip(_COLUMNS, found[:7], strict=True)))
 

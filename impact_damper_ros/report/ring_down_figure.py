@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _COLUMNS = ('release', 'time', 'velocity', 'amplitude', 'acceleration_g', 'loss', 'zeta')
 
 
-def ring_down_table(found: RingDown) -> str:
+def ring_down_csv(found: RingDown) -> str:
     """Return the cycles of all releases as CSV."""
     omega, cycles = found.parameters.omega, []
     for release, run in enumerate(found.runs):

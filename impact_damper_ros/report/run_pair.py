@@ -19,7 +19,7 @@ from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.all_parameters import unit_of
 from impact_damper_ros.parameters.quoting import counted, setting
 from impact_damper_ros.replay.command import Command, Setting
-from impact_damper_ros.replay.replay import Part
+from impact_damper_ros.replay.replay import RunPart
 from impact_damper_ros.replay.rows import NO_EVENTS, NO_SAMPLES, Samples
 from impact_damper_ros.replay.what_if import WhatIf
 
@@ -54,7 +54,7 @@ class _Run:
         self.stretches: list[LoggedStretch] = []
         self.end = RunRows(NO_SAMPLES, NO_EVENTS)
 
-    def take(self, part: Part | None) -> None:
+    def take(self, part: RunPart | None) -> None:
         """Take the next part of the run, or None after the last one."""
         for stretch in self._parts.finish() if part is None else self._parts.take(part):
             self.stretches.append(stretch.recorded_part)
@@ -114,7 +114,7 @@ class RunPair:
         self._recorded = _Run(start.state, span)
         self._other = _Run(what_if.rig.snapshot(), span)
 
-    def take(self, recorded: Part, other: Part) -> None:
+    def take(self, recorded: RunPart, other: RunPart) -> None:
         """Take the next part of both runs."""
         self._recorded.take(recorded)
         self._other.take(other)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 
-class Column(NamedTuple):
+class ColumnHead(NamedTuple):
     """Head of a column, and its kind: 'number', 'text', 'span', 'verdict' or 'bars'."""
 
     title: str
@@ -20,7 +20,7 @@ class Column(NamedTuple):
 class Table:
     """Groups of rows, each with a title, which may be empty."""
 
-    columns: Sequence[Column]
+    columns: Sequence[ColumnHead]
     #: A cell is a text; in HTML a verdict or the length of a bar in per cent, where the kind of
     #: its column says so.
     groups: Sequence[tuple[str, Sequence[Sequence[Any]]]]
@@ -32,7 +32,7 @@ class Table:
     def of_rows(cls, head: Sequence[str], rows: Iterable[Sequence[Any]], texts: int = 1) -> Table:
         """Return a table of one group, its first columns texts."""
         kinds = ['text' if i < texts else 'number' for i in range(len(head))]
-        columns = [Column(*pair) for pair in zip(head, kinds, strict=True)]
+        columns = [ColumnHead(*pair) for pair in zip(head, kinds, strict=True)]
         return cls(columns, [('', list(rows))])
 
     def _cell_texts(self, cells: Iterable[Any]) -> list[str]:

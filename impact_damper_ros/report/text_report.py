@@ -8,7 +8,7 @@ from collections import Counter
 from impact_damper_ros.compare.result import LogVerdict, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.parameters.quoting import as_line, counted
 
-from .comparison_tables import STRETCH_TABLES, motion_of, overall_table
+from .comparison_tables import STRETCH_TABLES, motion_words, overall_table
 
 _MOST_FINDINGS, _MOST_STOPS = 6, 12
 
@@ -18,7 +18,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
         f'stretch {stretch.number}    {stretch.start:.9g} s to {stretch.end:.9g} s; begins with: '
         f'{stretch.cause}',
     ]
-    kind = motion_of(stretch)
+    kind = motion_words(stretch)
     if stretch.stops:
         more = ',...' if len(stretch.stops) > _MOST_STOPS else ''
         kind += f', stops {",".join(map(str, stretch.stops[:_MOST_STOPS]))}{more}'

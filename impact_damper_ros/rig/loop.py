@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.control.act import Action, ActRow
 from impact_damper_ros.control.actuator import (
     commands_full,
     next_command,
@@ -36,7 +37,6 @@ from impact_damper_ros.control.controller import (
     trigger_number,
 )
 from impact_damper_ros.control.own_law import law_failed
-from impact_damper_ros.control.record import Action, ActRow
 from impact_damper_ros.control.state import Control, ControlSettings, Estimates, Measurement
 from impact_damper_ros.motion.compiled import compiled, dtype_of, kernel, only_row
 from impact_damper_ros.motion.event import (

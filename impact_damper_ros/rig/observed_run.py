@@ -62,7 +62,7 @@ class Observer:
         return iter(())
 
     def take_events(self, events: Sequence[Event]) -> None:
-        """Take the events of the rig's last call; `Rig.records` holds the acts of its control."""
+        """Take the events of the rig's last call; `Rig.acts` holds the acts of its control."""
 
     def take_change(
         self,

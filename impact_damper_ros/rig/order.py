@@ -12,9 +12,9 @@ from __future__ import annotations
 from math import inf, isnan, nan
 from typing import TYPE_CHECKING, NamedTuple
 
+from impact_damper_ros.control.act import Action, ControlAct
 from impact_damper_ros.control.actuator import order_stops
 from impact_damper_ros.control.own_law import too_close
-from impact_damper_ros.control.record import Action, ControlRecord
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 
 if TYPE_CHECKING:
@@ -92,11 +92,11 @@ class Order(NamedTuple):
         if self.stop_2 == self.stop_2:
             order_stops(control, time, nan, self.stop_2, self.speed_2)
 
-    def record(self, control: Control, time: float) -> ControlRecord:
+    def as_act(self, control: Control, time: float) -> ControlAct:
         """Return the order as the topic `gap_control` has it."""
         actuators, estimates = control.actuators, control.estimates
         x_rate = estimates.x_rate if abs(estimates.x_rate) < inf else 0.0
-        return ControlRecord(
+        return ControlAct(
             time,
             Action.ORDER,
             self.stop_1,

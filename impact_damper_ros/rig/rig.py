@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from impact_damper_ros.control.act import Action, ActRow, ControlAct
 from impact_damper_ros.control.actuator import MOST_ORDERS, next_command, settle_stops
 from impact_damper_ros.control.controller import (
     forget_all,
@@ -21,7 +22,6 @@ from impact_damper_ros.control.controller import (
     settings_of,
     with_new_settings,
 )
-from impact_damper_ros.control.record import Action, ActRow, ControlRecord
 from impact_damper_ros.motion.compiled import dtype_of, packed_rows, unpack
 from impact_damper_ros.motion.event import (
     ROWS_AT_ONCE,
@@ -182,7 +182,7 @@ class Rig(RigState):
         time = later_time(time, self.time)
         most = most_of(most_in_period, 'most_in_period')
         if self._is_quiet(time):
-            self._run.now, self._records = time, []
+            self._run.now, self._acts = time, []
             count_modes(self._run, [0.0] * len(Mode))
             return []
         tables = RunTables(keep=True, since=self.time, end=time, listed=not self.compiled)
@@ -236,7 +236,7 @@ class Rig(RigState):
                     status = self._run_compiled(in_mode, schedule, time, tables, strobe)
                 else:
                     rows, acts = self._scratch
-                    control = self._control if self.acts else None
+                    control = self._control if self.moves_stops else None
                     self._open_tables(len(rows), len(acts) if tables.keep else 0)
                     status = run_to(self._moving(rows), in_mode, control, acts, schedule, time)
                     tables.take(rows, run.written)
@@ -263,7 +263,7 @@ class Rig(RigState):
         except BaseException:
             self.go_back(before)
             raise
-        self._records = tables.acts
+        self._acts = tables.acts
         return status, happened
 
     def _open_tables(self, rows: int, acts: int) -> None:
@@ -426,7 +426,7 @@ class Rig(RigState):
         strobe: Strobe | None,
     ) -> int:
         """Run the loop compiled; the rig changes at the end only."""
-        run, control, controlled = self._run, self._control, self.acts
+        run, control, controlled = self._run, self._control, self.moves_stops
         if self._packed is None:
             harmonics = packed_rows(self._lines, Line)
             self._packed = packed_rows([self._constants], RigConstants), harmonics[np.newaxis]
@@ -499,7 +499,7 @@ class Rig(RigState):
         Switching the control off sends them back to the gap by the actuators. Another law begins
         anew, with the present amplitude.
         """
-        self._records = []
+        self._acts = []
         before, old, own = self._parameters, self._gap_control, self._law is not None
         settings = None
         if control is not None and control != old:
@@ -515,7 +515,7 @@ class Rig(RigState):
                 rows = [ActRow()]
                 here.controller.recorded, here.controller.room = 0, 1
                 write_act(here, rows, Action.COMMAND, self.time)
-                self._records = [ControlRecord.of(_act_fields(rows[0]))]
+                self._acts = [ControlAct.of(_act_fields(rows[0]))]
             else:
                 forget_all(here)
         if control is not None and settings is not None:
@@ -628,7 +628,7 @@ class Rig(RigState):
         Returns
         -------
         list of Event
-            Events at the present time, which a change of the force may cause. `records` has the
+            Events at the present time, which a change of the force may cause. `acts` has the
             order.
 
         Raises
@@ -643,13 +643,13 @@ class Rig(RigState):
             )
         order.check(self._control)
         order.issue(self._control, self.time)
-        record = order.record(self._control, self.time)
+        act = order.as_act(self._control, self.time)
         if self._control.actuators.waiting + MOST_ORDERS > len(self._control.commands):
             self._control = self._control.with_more_room()
         events = self._push(order.force) if order.force == order.force else []
         # Stops that move at once are there now.
         events += self.advance(self.time)
-        self._records = [record, *self._records]
+        self._acts = [act, *self._acts]
         return events
 
     def _push(self, force: float) -> list[Event]:

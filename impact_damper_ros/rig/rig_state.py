@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any, Self
 
+from impact_damper_ros.control.act import ActRow, ControlAct
 from impact_damper_ros.control.controller import (
     begin_sampling,
     control_of,
@@ -15,7 +16,6 @@ from impact_damper_ros.control.controller import (
     sensor_sample,
 )
 from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
-from impact_damper_ros.control.record import ActRow, ControlRecord
 from impact_damper_ros.control.state import Control, Measurement
 from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.motion.compiled import copied, has_numba
@@ -102,7 +102,7 @@ class RigState:
             else:
                 self._run.recorded_force = playback.values[0]
         # Acts of the last call; those of a run as rows of the loop
-        self._records: Sequence[tuple[Any, ...]] = []
+        self._acts: Sequence[tuple[Any, ...]] = []
         # An impact at the very start, of m that moves into the stop it is on
         self._unreported: list[Event] = []
         self._unreported = self._begin()
@@ -220,12 +220,9 @@ class RigState:
         return actuators.energy_1, actuators.energy_2
 
     @property
-    def records(self) -> list[ControlRecord]:
+    def acts(self) -> list[ControlAct]:
         """What the control did in the last call of `advance`, `run`, `change` or `order`."""
-        return [
-            record if isinstance(record, ControlRecord) else ControlRecord.of(record)
-            for record in self._records
-        ]
+        return [act if isinstance(act, ControlAct) else ControlAct.of(act) for act in self._acts]
 
     @property
     def measured_records(self) -> tuple[MeasuredRecord, ...]:
@@ -233,7 +230,7 @@ class RigState:
         return tuple(playback.record for playback in self._playbacks)
 
     @property
-    def acts(self) -> bool:
+    def moves_stops(self) -> bool:
         """Whether a control moves the stops, or stops are on their way by it."""
         control = self._control
         return bool(control.active or control.controller.returning or control.actuators.waiting)
@@ -251,7 +248,7 @@ class RigState:
     def go_back(self, mark: dict[str, Any]) -> None:
         """Undo all that `advance` or `run` did since a mark; each may be used once."""
         self.__dict__.update(mark)
-        self._records = []
+        self._acts = []
 
     def measure(self, index: int) -> tuple[Measurement, tuple[float, float]]:
         """
@@ -385,7 +382,7 @@ class RigState:
         rig.compiled = rig._may_compile() if compiled is None else compiled
         rig._tune()
         rig._run, rig._waves = copied(state.run), [Wave(a) for a in state.angles]
-        rig._records, rig._unreported = [], list(state.unreported)
+        rig._acts, rig._unreported = [], list(state.unreported)
         rig._play(state.playbacks)
         kept = state.run
         begin_flight(rig._moving())

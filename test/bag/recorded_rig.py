@@ -16,7 +16,7 @@ from impact_damper_ros import (
     Rig,
 )
 from impact_damper_ros.bag.messages import decode
-from impact_damper_ros.bag.snapshots import mathematics, motion_of
+from impact_damper_ros.bag.snapshots import mathematics, without_search
 from impact_damper_ros.replay import Setting
 
 NODE = '/sim_node'
@@ -104,7 +104,7 @@ class RecordedRig:
             'mathematics': mathematics(),
             'done': self.done,
             'initial': self.initial.as_dict(),
-            'state': motion_of(self.rig.snapshot()),
+            'state': without_search(self.rig.snapshot()),
         }
         self.done = []
         message = samples.make(samples.STRING, json.dumps(text))
@@ -130,7 +130,7 @@ class RecordedRig:
                     f'stop_{e.stop}',
                 )
                 self.write('/impacts', content, stamp)
-        for record in self.rig.records:
+        for record in self.rig.acts:
             stamp = self.offset + round(record.time * 1e9)
             names, frame = ['stop_1', 'stop_2', 'primary'], record.action.name.lower()
             numbers = [list(part) for part in record.numbers]

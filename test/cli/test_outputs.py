@@ -71,7 +71,9 @@ def test_places_for_a_file(tmp_path, place, remedy):
     (tmp_path / 'file').write_text('')
     with pytest.raises(OSError) as refused:
         outputs.check_file(tmp_path / place)
-    assert outputs.in_words(refused.value).startswith(f'cannot write {tmp_path / place}: {remedy}')
+    assert outputs.output_fault(refused.value).startswith(
+        f'cannot write {tmp_path / place}: {remedy}'
+    )
 
 
 def test_a_whole_file_or_the_old_one(tmp_path):
@@ -82,7 +84,7 @@ def test_a_whole_file_or_the_old_one(tmp_path):
         with pytest.raises(OSError) as refused:
             outputs.write_text(link, 100_000 * 'x')
         remedy = f'cannot write {link}: the disk is full: free some space there'
-        assert outputs.in_words(refused.value).startswith(remedy)
+        assert outputs.output_fault(refused.value).startswith(remedy)
         assert file.read_text() == 'old'
         outputs.write_text(link, 'new')
         assert file.read_text() == 'new'

@@ -14,7 +14,7 @@ from compare import motion_kinds
 from rigs import BENCH
 
 from impact_damper_ros import Rig
-from impact_damper_ros.compare.predicted import decay_rate
+from impact_damper_ros.compare.prediction import decay_rate
 from impact_damper_ros.orbits.irregularity import Indications, average_spread, quiet_phase
 from impact_damper_ros.orbits.recurrence import MotionKind
 

@@ -4,7 +4,7 @@
 import math
 import sys
 
-from impact_damper_ros.control.state import optimal_gap
+from impact_damper_ros.control.state import gap_for_amplitude
 
 
 def follow(seen, memory):
@@ -13,7 +13,7 @@ def follow(seen, memory):
         return math.nan, math.nan
     memory[0] += 1.0
     memory[1] = math.nan if seen.crossing > 0 else math.inf
-    gap = 0.8 * optimal_gap(seen.amplitude, seen.mass_ratio, seen.restitution, seen.gap_max)
+    gap = 0.8 * gap_for_amplitude(seen.amplitude, seen.mass_ratio, seen.restitution, seen.gap_max)
     # Where m has not hit a stop for some passages, it may be at rest, and M takes a stop as far
     # as its amplitude.
     hit = not (math.isnan(seen.hit_time_1) and math.isnan(seen.hit_time_2))

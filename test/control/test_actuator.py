@@ -29,7 +29,7 @@ def test_the_stops_do_no_work_and_stay_within_their_range(kind, seed):
     account = Account(rig)
     for _ in range(6):
         account.advance(rig.time + 2.0)
-        for record in rig.records:
+        for record in rig.acts:
             if record.action is Action.COMMAND:
                 widest = 0.5 * max(rig.control.gap_max, rig.parameters.gap)
                 assert max(record.target_1, -record.target_2) <= widest * (1 + 1e-12)
@@ -56,7 +56,7 @@ def test_each_start_of_a_stop_is_paid_for():
     rig.advance(200.0)
     starts = [0, 0]
     velocities = [0.0, 0.0]
-    for record in rig.records:
+    for record in rig.acts:
         for i, velocity in enumerate((record.velocity_1, record.velocity_2)):
             assert velocity in (0.0, speed, -speed)
             starts[i] += velocity not in (0.0, velocities[i])
@@ -64,7 +64,7 @@ def test_each_start_of_a_stop_is_paid_for():
     assert min(starts) > 50
     quantum = 0.5 * mass * speed**2
     assert rig.energies == pytest.approx([quantum * n for n in starts], rel=1e-12)
-    last = rig.records[-1]
+    last = rig.acts[-1]
     assert (last.energy_1, last.energy_2) == rig.energies
 
 
@@ -72,7 +72,7 @@ def test_stops_that_move_at_once_spend_nothing():
     rig = Rig(TRIAL, control=control('timed'))
     rig.advance(200.0)
     assert rig.energies == (0.0, 0.0)
-    assert {(r.velocity_1, r.velocity_2) for r in rig.records} == {(0.0, 0.0)}
+    assert {(r.velocity_1, r.velocity_2) for r in rig.acts} == {(0.0, 0.0)}
 
 
 def actuators_of(**values):

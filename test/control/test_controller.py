@@ -56,10 +56,10 @@ def test_off_sends_the_stops_back_by_the_actuators():
     assert before != (10.0, -10.0)
     rig.change(rig.parameters, control('off', actuator_speed=2.0, actuator_delay=0.5))
     rig.advance(200.4999)
-    assert (10.0, -10.0) not in {(r.target_1, r.target_2) for r in rig.records}
+    assert (10.0, -10.0) not in {(r.target_1, r.target_2) for r in rig.acts}
     rig.advance(200.5)
-    assert rig.records[-1].action is Action.COMMAND
-    assert rig.records[-1][2:4] == (10.0, -10.0)
+    assert rig.acts[-1].action is Action.COMMAND
+    assert rig.acts[-1][2:4] == (10.0, -10.0)
     rig.advance(400.0)
     assert rig.stops == (10.0, -10.0)
     # Nothing is left to do or known: from now on it is the plain simulator.
@@ -113,7 +113,7 @@ def test_one_sided_rigs_move_their_only_stop():
         assert rig.stops[0] != 2.0
         # The other one spends nothing, and is shown where it would stand.
         assert rig.energies[0] > rig.energies[1] == 0.0
-        assert {(r.target_2, r.velocity_2) for r in rig.records} == {(-2.0, 0.0)}
+        assert {(r.target_2, r.velocity_2) for r in rig.acts} == {(-2.0, 0.0)}
 
 
 def test_a_law_of_ones_own_may_send_the_only_stop_anywhere():
@@ -130,7 +130,7 @@ def test_a_law_switched_on_in_steady_motion_does_not_close_the_gap_first():
     rig.advance(10.0)
     rig.change(steady, control('amplitude', gap_control_stops='symmetric'))
     rig.advance(18.0)
-    first = next(record for record in rig.records if record.action is Action.COMMAND)
+    first = next(record for record in rig.acts if record.action is Action.COMMAND)
     assert first.amplitude == pytest.approx(50.0, rel=0.01)
     best = damper_of(TRIAL).optimal_gap(50.0, 1e3)
     assert first.target_1 - first.target_2 == pytest.approx(0.8 * best, rel=0.01)
@@ -140,7 +140,7 @@ def test_the_detector_triggers_at_every_passage_and_only_there():
     rig = Rig(TRIAL, control=control('timed'))
     events = rig.advance(300.0)
     crossings = [e for e in events if e.kind is EventKind.CROSSING]
-    triggers = [r for r in rig.records if r.action is Action.CROSSING]
+    triggers = [r for r in rig.acts if r.action is Action.CROSSING]
     assert [r.time for r in triggers] == sorted({r.time for r in triggers})
     # Some may be told twice, where the stop moved at that instant.
     assert {r.time for r in triggers} <= {e.time for e in crossings}

@@ -31,8 +31,8 @@ def test_a_law_may_keep_the_smallest_gap():
     """Wherever m is, though round-off makes that gap a little smaller."""
     rig = Rig(TRIAL, control=control('timed', gap_min=0.3), law=laws.closest)
     rig.advance(30.0)
-    assert sum(record.action is Action.COMMAND for record in rig.records) > 10
-    targets = {record.target_1 - record.target_2 for record in rig.records}
+    assert sum(record.action is Action.COMMAND for record in rig.acts) > 10
+    targets = {record.target_1 - record.target_2 for record in rig.acts}
     assert min(targets) == pytest.approx(0.3, rel=1e-12)
     assert len(targets) > 2
 
@@ -53,11 +53,11 @@ def test_it_is_on_by_itself_and_can_be_switched_off():
     rig = Rig(TRIAL, law=laws.push)
     rig.advance(60.0)
     assert rig.control.active
-    assert len(rig.records) > 10
+    assert len(rig.acts) > 10
     rig.change(TRIAL, GapControlParameters())
     rig.advance(80.0)
     assert rig.stops == (10.0, -10.0)
-    assert (rig.law, rig.acts) == ('off', False)
+    assert (rig.law, rig.moves_stops) == ('off', False)
     assert rig.snapshot()['gap_control']['law']['memory'] == [0.0] * 16
 
 

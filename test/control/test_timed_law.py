@@ -7,7 +7,7 @@ import pytest
 from control.controlled_rigs import TRIAL, control
 from impact_damper_ros import Action, EventKind, Rig, RigParameters
 from impact_damper_ros.control.controller import control_of, settings_of
-from impact_damper_ros.control.sensors import Passage
+from impact_damper_ros.control.sensors import ZeroPassage
 from impact_damper_ros.control.state import Measurement, damper_of
 from impact_damper_ros.control.timed_law import close_stop, park_stops, stop_to_close
 
@@ -36,7 +36,7 @@ def test_both_conditions_hold_at_every_timed_impact(name, stops):
     parameters = RIGS[name]
     rig = Rig(parameters, control=control('timed', gap_control_stops=stops))
     impacts = timed_impacts(rig, 400.0)
-    triggers = [r.time for r in rig.records if r.action is Action.CROSSING]
+    triggers = [r.time for r in rig.acts if r.action is Action.CROSSING]
     assert len(impacts) > 0.3 * len(triggers)
     damper = damper_of(parameters)
     for event in impacts:
@@ -76,7 +76,7 @@ def test_delay_and_speed_are_made_up_for():
 
 
 def passage(**values):
-    return Passage(**{'time': 1.0, 'x_rate': -2.0, 'y': 4.0, 'y_rate': 6.0, **values})
+    return ZeroPassage(**{'time': 1.0, 'x_rate': -2.0, 'y': 4.0, 'y_rate': 6.0, **values})
 
 
 @pytest.mark.parametrize(

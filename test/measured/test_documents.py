@@ -43,7 +43,7 @@ def test_each_unit_that_is_listed_is_read(si):
         first, _, others = group.partition(' (')
         for unit in (first, *others.removesuffix(')').split(', ')):
             if unit:
-                assert units.unit_of(unit)[0] == si
+                assert units.si_unit_of(unit)[0] == si
 
 
 if __name__ == '__main__':

@@ -20,7 +20,7 @@ from impact_damper_ros.measured.sheet import (
     TableError,
     choose,
 )
-from impact_damper_ros.measured.table import check_whole, read_table, table_of
+from impact_damper_ros.measured.table import check_whole, chosen_columns, read_measured_table
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def written(tmp_path):
     ],
 )
 def test_the_same_numbers(written, text):
-    table = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
+    table = read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
     assert table.columns['time'].values == pytest.approx([0.0, 0.1])
     assert table.columns['x'].values == pytest.approx([0.0015, -0.0025])
     assert table.columns['force'].values == pytest.approx([2.0, 3.0])
@@ -55,12 +55,12 @@ def test_the_same_numbers(written, text):
 def test_other_encodings_and_units(written):
     text = 'Zeit [s];Beschleunigung [g];Größe\n0;1;x\n1;-0,5;y\n'
     for encoding in ('utf-8-sig', 'latin-1'):
-        table = read_table(written(text, encoding), {'time': TIME, 'a': ACCELERATION})
+        table = read_measured_table(written(text, encoding), {'time': TIME, 'a': ACCELERATION})
         assert table.columns['a'].values == pytest.approx([9.80665, -4.903325])
     with pytest.raises(
         TableError, match=r"no column for the x among 'Zeit \[s\]'.* x|displacement"
     ):
-        read_table(written(text), {'x': DISPLACEMENT})
+        read_measured_table(written(text), {'x': DISPLACEMENT})
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_refusals(written, text, problem):
 
     pattern = problem.replace('[', r'\[').replace(']', r'\]')
     with pytest.raises(TableError) as error:
-        read_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
+        read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
     assert re.search(pattern, str(error.value))
 
 
@@ -111,14 +111,16 @@ def test_refusals(written, text, problem):
     ],
 )
 def test_what_spreadsheets_and_programs_export(written, text, encoding):
-    table = read_table(written(text, encoding), {'time': TIME, 'x': DISPLACEMENT})
+    table = read_measured_table(written(text, encoding), {'time': TIME, 'x': DISPLACEMENT})
     assert table.columns['time'].values == pytest.approx([0.0, 0.1])
     assert table.columns['x'].values == pytest.approx([1.5e-3, -2.25e-3])
 
 
 def test_cells_without_a_number_are_missing(written):
     text = 't [s],x [mm]\n0,1\n1,-\n2,#N/A\n3,nan\n4,\n5,6\n'
-    values = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}).columns['x'].values
+    values = (
+        read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT}).columns['x'].values
+    )
     assert np.isnan(values).tolist() == [False, *[True] * 4, False]
 
 
@@ -138,14 +140,14 @@ def test_cells_without_a_number_are_missing(written):
 )
 def test_numbers_that_may_be_read_in_two_ways(written, text, problem):
     with pytest.raises(TableError, match=problem):
-        read_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
+        read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
 
 
 def test_gaps_and_times_that_do_not_rise(written):
     def of(times, values='1,2,3,4,5'):
         rows = zip(times.split(','), values.split(','), strict=True)
         text = 't [s],x [mm]\n' + '\n'.join(map(','.join, rows))
-        return read_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
+        return read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
 
     check_whole(*of('0,0.1,0.2,0.3,0.4').on_a_clock())
     for times, problem in (
@@ -163,7 +165,9 @@ def test_gaps_and_times_that_do_not_rise(written):
 def test_a_large_file_is_read(written):
     times = np.arange(60_000) / 1000.0
     rows = '\n'.join(f'{t:.3f},{math.sin(t):.6f}' for t in times)
-    table = read_table(written(f't [s],x [mm]\n{rows}'), {'time': TIME, 'x': DISPLACEMENT})
+    table = read_measured_table(
+        written(f't [s],x [mm]\n{rows}'), {'time': TIME, 'x': DISPLACEMENT}
+    )
     check_whole(*table.on_a_clock())
     assert table.columns['x'].values == pytest.approx(1e-3 * np.sin(times), abs=1e-9)
 
@@ -179,21 +183,21 @@ def test_the_export_of_a_phone(tmp_path):
         archive.writestr('meta/time.csv', '"event","experiment time"\n"START",0\n')
         archive.writestr('meta/device.csv', '"property","value"\n"version","1.1.16"\n')
     with pytest.raises(TableError, match=r"Acceleration x \(m/s\^2\)' and .* may each be the a"):
-        read_table(path, {'time': TIME, 'a': ACCELERATION})
+        read_measured_table(path, {'time': TIME, 'a': ACCELERATION})
     sheet = read_sheet(path)
     for name in ('linear acceleration x', 'Linear Acceleration x (m/s^2)', '2'):
         choice = choose(sheet, 'a', ACCELERATION, column=name)
-        values = table_of(sheet, {'a': choice}).columns['a'].values
+        values = chosen_columns(sheet, {'a': choice}).columns['a'].values
         assert values == pytest.approx([0.15, -0.15])
     with pytest.raises(TableError, match="no column 'force' for the a among 'Time"):
         choose(sheet, 'a', ACCELERATION, column='force')
     (tmp_path / 'bad.zip').write_text(text)
     with pytest.raises(TableError, match=r'no \.zip file'):
-        read_table(tmp_path / 'bad.zip', {'a': ACCELERATION})
+        read_measured_table(tmp_path / 'bad.zip', {'a': ACCELERATION})
 
 
 def test_units_in_a_row_below_the_names(written):
-    table = read_table(
+    table = read_measured_table(
         written('time;x;F\ns;mm;N\n0;1,5;2\n0,1;-2,5;3\n'),
         {'time': TIME, 'x': DISPLACEMENT},
         {'force': FORCE},
@@ -205,7 +209,7 @@ def test_units_in_a_row_below_the_names(written):
 
 def test_a_short_name_with_the_unit_of_something_else_is_another_column(written):
     text = 't [s],f [Hz],x [mm]\n0,5,1\n1,6,2\n'
-    table = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
+    table = read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
     assert sorted(table.columns) == ['time', 'x']
     volts = read_sheet(written('t [s],force [V]\n0,1\n1,2\n'))
     with pytest.raises(TableError, match=r"column 'force \[V\]' has the unit 'V'"):
@@ -244,13 +248,13 @@ def test_universal_files(tmp_path):
             ),
             mode='add' if number else 'overwrite',
         )
-    table = read_table(path, {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
+    table = read_measured_table(path, {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
     assert table.columns['time'].values == pytest.approx(times)
     assert table.columns['x'].values == pytest.approx(1e-3 * np.sin(times), abs=1e-9)
     assert table.columns['force'].values == pytest.approx(np.cos(times), abs=1e-6)
     path.write_text('no universal file\n')
     with pytest.raises(TableError, match=r'no universal file|no function of time'):
-        read_table(path, {'time': TIME})
+        read_measured_table(path, {'time': TIME})
 
 
 LABVIEW = """\
@@ -284,14 +288,14 @@ def test_labview_files(tmp_path, columns, point):
         text += '\t'.join(cells).replace('.', point) + '\t\n'
     path = tmp_path / 'run.lvm'
     path.write_text(text)
-    table = read_table(path, {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
+    table = read_measured_table(path, {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
     assert table.columns['time'].values == pytest.approx([0.0, 0.1, 0.2])
     assert table.columns['x'].values == pytest.approx([0.0015, -0.0025, 0.0005])
     assert table.columns['force'].values == pytest.approx([2.0, 3.0, 1.0])
     assert list(tmp_path.iterdir()) == [path]
     path.write_text('LabVIEW Measurement\n')
     with pytest.raises(TableError, match='no LabVIEW file'):
-        read_table(path, {'time': TIME})
+        read_measured_table(path, {'time': TIME})
 
 
 def test_a_library_that_is_not_installed(tmp_path):
@@ -301,8 +305,8 @@ def test_a_library_that_is_not_installed(tmp_path):
     program = (
         'from pathlib import Path\n'
         'from impact_damper_ros.measured.sheet import TIME\n'
-        'from impact_damper_ros.measured.table import read_table\n'
-        f'read_table(Path({name!r}), {{"time": TIME}})'
+        'from impact_damper_ros.measured.table import read_measured_table\n'
+        f'read_measured_table(Path({name!r}), {{"time": TIME}})'
     )
     done = subprocess.run(
         [sys.executable, '-c', blocked + program],
@@ -318,6 +322,10 @@ def test_a_library_that_is_not_installed(tmp_path):
 def test_a_time_of_day_may_be_missing(written):
     rows = ''.join(f'10:00:{k // 10:02d}.{k % 10},{k}\n' for k in range(100))
     text = 'time,x [mm]\n' + rows.replace('10:00:03.0,', ',')
-    values = read_table(written(text), {'time': TIME, 'x': DISPLACEMENT}).columns['time'].values
+    values = (
+        read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
+        .columns['time']
+        .values
+    )
     assert np.flatnonzero(np.isnan(values)).tolist() == [30]
     assert values[-1] - values[0] == pytest.approx(9.9)

@@ -3,7 +3,7 @@
 import pytest
 
 from impact_damper_ros.measured.sheet import heading
-from impact_damper_ros.measured.units import unit_of
+from impact_damper_ros.measured.units import si_unit_of
 
 G = 9.80665
 
@@ -41,7 +41,7 @@ G = 9.80665
     ],
 )
 def test_a_unit(text, si, factor):
-    found = unit_of(text)
+    found = si_unit_of(text)
     assert found == (None if si is None else (si, pytest.approx(factor)))
 
 

@@ -242,4 +242,4 @@ def act(kind: str, rng: random.Random, rigs: Sequence[Rig]) -> list[tuple[list[E
 
 
 def _seen(rig: Rig, events: list[Event]) -> tuple[list[Event], list[str]]:
-    return events, list(map(str, rig.records))
+    return events, list(map(str, rig.acts))

@@ -4,7 +4,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message
 
-from impact_damper_ros import Action, ControlRecord, GapControlParameters
+from impact_damper_ros import Action, ControlAct, GapControlParameters
 from impact_damper_ros.bag.messages import encode
 from impact_damper_ros.node.diagnostics import Diagnostics
 from impact_damper_ros.node.engine_state import EngineStatus
@@ -124,7 +124,7 @@ def test_gap_control():
     level, message, values = report(second())['gap control']
     assert (level, message) == (OK, 'off')
     assert set(values.values()) == {'off', 'independent', '', '0'}
-    act = ControlRecord(0.9, Action.ARRIVED, 8.5, -7.5, 2.25, 0.0, 0.0, 1.0, 0.5, 0.25)
+    act = ControlAct(0.9, Action.ARRIVED, 8.5, -7.5, 2.25, 0.0, 0.0, 1.0, 0.5, 0.25)
     law = GapControlParameters(gap_control='timed')
     _, message, values = report(second(control=law, commands=12, last_act=act))['gap control']
     assert (message, values['Commands']) == ('timed', '12')

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from impact_damper_ros import Action, ControlRecord, Event, EventKind, Sample
+from impact_damper_ros import Action, ControlAct, Event, EventKind, Sample
 from impact_damper_ros.bag import messages
 from impact_damper_ros.bag.messages import clock_message, decode, encode, with_stamp
 from impact_damper_ros.bag.rig_topics import RigMessages
@@ -49,7 +49,7 @@ def test_the_bytes_are_those_of_an_independent_serialiser():
             event = Event(1.5, EventKind.IMPACT, stop, *numbers(7, 50 + seed))
             found.append(encoder.impact(stamp_ns, event, rest))
         for action in Action:
-            record = ControlRecord(1.5, action, *numbers(8, seed))
+            record = ControlAct(1.5, action, *numbers(8, seed))
             found += [encoder.control(stamp_ns, record)]
         states = deserialize_message(found[0], JointState)
         # Not overwritten by those after it

@@ -104,7 +104,7 @@ def test_stops_that_a_control_sends_back_come_to_rest_on_the_way():
     rig = Rig(HORIZONTAL, control=law)
     rig.advance(100.0)
     rig.change(HORIZONTAL, law.replace(gap_control='off'))
-    assert rig.acts
+    assert rig.moves_stops
     found = settle(rig)
-    assert not rig.acts
+    assert not rig.moves_stops
     assert found.rhythm.distance(settle(Rig(HORIZONTAL)).rhythm) < 1e-6

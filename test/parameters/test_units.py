@@ -5,7 +5,7 @@ import math
 import pytest
 
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
-from impact_damper_ros.parameters.units import UNITS, USUAL, quantity
+from impact_damper_ros.parameters.units import UNITS, USUAL, si_value
 
 
 @pytest.mark.parametrize(
@@ -59,10 +59,10 @@ def test_usual_ranges_hold_the_defaults():
     [('500ms', 's', 0.5), ('2 min', 's', 120.0), ('1kHz', 'Hz', 1000.0), ('1e3', 's', 1000.0)],
 )
 def test_a_number_with_its_own_unit(text, unit, value):
-    assert quantity(text, unit) == value
+    assert si_value(text, unit) == value
 
 
 @pytest.mark.parametrize('text', ['5 kg', 'ms', '', '1,000'])
 def test_what_is_no_number_of_a_unit(text):
     with pytest.raises(ValueError, match='could not convert'):
-        quantity(text, 's')
+        si_value(text, 's')

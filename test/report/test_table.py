@@ -6,7 +6,7 @@ import pytest
 
 from impact_damper_ros.compare import Verdict
 from impact_damper_ros.report.formatting import instant, number, quantity, unit_for
-from impact_damper_ros.report.table import Column, Table
+from impact_damper_ros.report.table import ColumnHead, Table
 
 TABLE = Table.of_rows(('name', 'X [m]'), [('first', '0.5'), ('second one', '-12.25')])
 
@@ -20,7 +20,7 @@ def test_a_table_as_text_and_markdown():
     assert TABLE.markdown() == (
         '| name | X [m] |\n| --- | --- |\n| first | 0.5 |\n| second one | -12.25 |'
     )
-    grouped = Table([Column('a', 'text')], [('one', [('x',)]), ('two', [('y',)])])
+    grouped = Table([ColumnHead('a', 'text')], [('one', [('x',)]), ('two', [('y',)])])
     assert grouped.text() == 'a\none\nx\ntwo\ny'
 
 
@@ -48,7 +48,12 @@ def test_numbers_for_readers(shown, expected):
 
 def test_groups_and_bars_as_text_and_markdown():
     """Groups have their titles; bars are for pages, and verdicts are words."""
-    columns = [Column('', 'text'), Column('J'), Column('', 'bars'), Column('verdict', 'verdict')]
+    columns = [
+        ColumnHead('', 'text'),
+        ColumnHead('J'),
+        ColumnHead('', 'bars'),
+        ColumnHead('verdict', 'verdict'),
+    ]
     groups = [
         ('Input', [('force', '9.5', '100', Verdict.AGREES)]),
         ('Output', []),

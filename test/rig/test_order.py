@@ -34,7 +34,7 @@ def test_a_force_on_m_shifts_its_equilibrium():
     expected = displacement(FREE, 19.0, 3.0) + displacement(FREE, 11.5, -4.0)
     assert rig.sample().x == pytest.approx(expected, rel=1e-12)
     assert rig.force == -1.0
-    (record,) = [r for r in rig.records if r.action is Action.ORDER] or [None]
+    (record,) = [r for r in rig.acts if r.action is Action.ORDER] or [None]
     assert record is None
     # It ends with the external control.
     rig.change(FREE, GapControlParameters())
@@ -63,7 +63,7 @@ def test_stops_go_by_the_actuators():
     rig = Rig(FREE, control=EXTERNAL)
     rig.advance(1.0)
     rig.order(Order(stop_1=300.0, speed_1=2.0))
-    (record,) = rig.records
+    (record,) = rig.acts
     assert record[:4] == (1.0, Action.ORDER, 300.0, pytest.approx(math.nan, nan_ok=True))
     assert (record.velocity_1, record.force) == (2.0, pytest.approx(math.nan, nan_ok=True))
     rig.advance(2.25)
@@ -77,7 +77,7 @@ def test_stops_go_by_the_actuators():
     events = rig.advance(30.0)
     (arrival,) = [e for e in events if e.kind is EventKind.STOP_ARRIVED and e.stop == 2]
     assert arrival.time == pytest.approx(12.5)
-    assert [r.action for r in rig.records].count(Action.ARRIVED) == len(events)
+    assert [r.action for r in rig.acts].count(Action.ARRIVED) == len(events)
 
 
 @pytest.mark.parametrize(

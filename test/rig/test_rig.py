@@ -34,7 +34,7 @@ def advance_in_pieces(rig, end, events, rng):
             else:
                 new = rig.advance(cut, interrupted=interrupted)
             got += new
-            acts += rig.records
+            acts += rig.acts
             if rig.time == cut and len(new) < most:
                 break
         assert len(got) == sum(e.time <= cut for e in events)
@@ -54,7 +54,7 @@ def test_however_it_is_run(kind, seed):
     compiled.compiled = find_spec('numba') is not None
     for _ in range(5):
         begun, end = whole.time, whole.time + rng.choice([0.0, 0.31, rng.expovariate(0.7)])
-        events, acts = whole.advance(end), whole.records
+        events, acts = whole.advance(end), whole.acts
         SEEN.setdefault(kind, set()).update([whole.mode, *(e.kind for e in events)])
         pieces, got, recorded = advance_in_pieces(pieces, end, events, rng)
         assert got == events
@@ -95,7 +95,7 @@ def test_a_reset_begins_anew(kind, seed):
     new = Rig(rig.parameters, initial, rig.time, rig.control, rig.own_law)
     assert rig.snapshot() == new.snapshot()
     end = rig.time + 5.0
-    assert (rig.advance(end), rig.records) == (new.advance(end), new.records)
+    assert (rig.advance(end), rig.acts) == (new.advance(end), new.acts)
     assert rig.snapshot() == new.snapshot()
 
 

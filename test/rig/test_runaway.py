@@ -139,18 +139,18 @@ def test_a_run_has_the_acts_of_its_control(monkeypatch):
     control = GapControlParameters(gap_control='timed', actuator_speed=40.0)
     rigs = [Rig(HORIZONTAL, control=control) for _ in range(3)]
     rigs[0].advance(200.0)
-    acts = rigs[0].records
+    acts = rigs[0].acts
     assert len(acts) > 100
     rigs[1].run(200.0)
-    assert rigs[1].records == acts
+    assert rigs[1].acts == acts
     if has_numba():
         for module in (rig_module, run_result):
             monkeypatch.setattr(module, 'FIRST_ROWS', 32)
         rigs[2].compiled = True
         rigs[2].run(200.0)
-        assert rigs[2].records == acts
+        assert rigs[2].acts == acts
     rigs[1].run(300.0, record=False)
-    assert rigs[1].records == []
+    assert rigs[1].acts == []
 
 
 def test_compiled_rigs_advance_compiled(monkeypatch):

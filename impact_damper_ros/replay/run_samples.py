@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from impact_damper_ros.control.record import ControlRecord
+from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.motion.event import Event, Sample, table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.rig.observed_run import Observer, TimedOrder, run
@@ -20,7 +20,7 @@ from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 from .rows import NO_EVENTS, NO_SAMPLES, Events, Numbers, Samples, samples_as_rows
 
 
-class Passage(Observer):
+class RunSamples(Observer):
     """
     Samples of a rig at instants, s, its events and the acts of its control, as far as it came.
 
@@ -33,7 +33,7 @@ class Passage(Observer):
         self._samples: list[Samples] = []
         self._at_instants: list[Sample] = []
         self._events: list[Events] = []
-        self.records: list[ControlRecord] = []
+        self.acts: list[ControlAct] = []
         #: Orders that the rig could not carry out: when, s, and why
         self.refusals: list[tuple[float, ParameterError]] = []
 
@@ -54,7 +54,7 @@ class Passage(Observer):
         orders: deque[TimedOrder],
         observers: Sequence[Observer] = (),
         most_in_period: float = MOST_IN_PERIOD,
-    ) -> Passage:
+    ) -> RunSamples:
         """
         Run on to an instant, s, with the orders up to it, which are taken out of the queue.
 
@@ -80,7 +80,7 @@ class Passage(Observer):
             self._samples += [samples_as_rows(self._at_instants), result.samples]
             self._at_instants = []
             self._events.append(result.events)
-            self.records += self._rig.records
+            self.acts += self._rig.acts
             if result.outcome is not Outcome.COMPLETE:
                 raise RunawayError(result.reason)
         return self
@@ -92,7 +92,7 @@ class Passage(Observer):
     def take_events(self, events: Sequence[Event]) -> None:
         """Keep events, and the acts of the control."""
         self._events.append(table_of_events(events))
-        self.records += self._rig.records
+        self.acts += self._rig.acts
 
     def take_refusal(self, order: TimedOrder, error: ParameterError) -> None:
         """Keep why an order was not carried out."""

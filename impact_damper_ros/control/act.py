@@ -30,7 +30,7 @@ class Action(IntEnum):
 
 @dataclass(slots=True)
 class ActRow:
-    """A row of the table of acts; see `ControlRecord`."""
+    """A row of the table of acts; see `ControlAct`."""
 
     time: float = 0.0
     target_1: float = 0.0
@@ -44,7 +44,7 @@ class ActRow:
     action: int = 0
 
 
-class ControlRecord(NamedTuple):
+class ControlAct(NamedTuple):
     """
     One instant of the control.
 
