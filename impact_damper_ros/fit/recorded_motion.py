@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.bag import RecordedMessage, RecordingError, RunReader, String
 from impact_damper_ros.bag.messages import JOINT_STATE, STRING, decode, header_ns
 from impact_damper_ros.bag.topic_columns import TYPES, TopicColumns, topic_columns
+from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.command import Command, parameters_of, read_command
@@ -242,6 +243,10 @@ def read_motion(path: str | Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     >>> motion.quantity, len(motion.time), float(motion.motion[0])
     ('displacement', 400, 0.002)
     """
+    check_kind('path', path, (str, Path), 'the path of a table or of a bag')
+    check_kind(
+        'options', options, ReadingOptions, "ReadingOptions, such as ReadingOptions(column='x')"
+    )
     return read_motion_and_rig(Path(path), options)[0]
 
 

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
+from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
 from .acceptance import LEAST_USED, MOST_CHI, MOST_Z, WRONG_RIG, judged
 from .candidates import Candidate, Evidence, misreading, wrong_file
@@ -202,6 +202,8 @@ def fit_rig(
     FitOptionError
         If a name in `also` is none of `FURTHER`, or one in `uncertain` none of `CONSTANTS`.
     """
+    check_kind('measured', measured, MeasuredMotion, 'a MeasuredMotion, such as read_motion(path)')
+    check_rig('start', start)
     for what, names, allowed in (
         ('fitted', also, FURTHER),
         ('uncertain', uncertain or {}, tuple(CONSTANTS)),

@@ -33,6 +33,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import chdtri
 
+from impact_damper_ros.parameters.parameter_spec import check_kind
+
 from .estimate import Estimate
 from .measured_motion import MeasuredMotion
 
@@ -535,6 +537,7 @@ def fit_structure(data: MeasuredMotion) -> StructureFit:
     ValueError
         If the data are no vibration.
     """
+    check_kind('data', data, MeasuredMotion, 'a MeasuredMotion, such as read_motion(path)')
     kind, drive, noises = 'ring-down', None, (1.0, 0.0)
     if data.base is not None:
         kind, drive = 'base', data.base

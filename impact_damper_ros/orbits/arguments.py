@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from impact_damper_ros.motion.state import NUMBERS
+from impact_damper_ros.parameters.parameter_spec import whole_number
 from impact_damper_ros.parameters.quoting import counted, shown
-from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
+from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters, check_rig
 
 from .flights import Machine, machine_of
 
@@ -190,6 +191,8 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     OrbitError
         If N is too large to list all.
     """
+    check_rig('parameters', parameters)
+    impacts = whole_number('impacts', impacts, 1, 2**31)
     if parameters.one_sided:
         return [(1,) * impacts]
     if impacts > MOST_LISTED_IMPACTS:

@@ -30,6 +30,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from impact_damper_ros.parameters.parameter_spec import check_kind
+
 from .arclength import (
     BETWEEN,
     BEYOND,
@@ -48,15 +50,7 @@ from .arclength import (
     VIABLE,
 )
 from .arguments import OrbitError
-from .branch import (
-    CLOSES,
-    END,
-    NONE_NEARBY,
-    POINTS,
-    Branch,
-    SpecialKind,
-    SpecialPoint,
-)
+from .branch import CLOSES, END, NONE_NEARBY, POINTS, Branch, SpecialKind, SpecialPoint
 from .orbit import PeriodicOrbit
 from .solution_curve import BranchPoint, Path, SolutionCurve, Steps, range_of
 from .solved_orbits import performed
@@ -319,6 +313,12 @@ def follow(
     >>> round(branch.best('x_max').value, 3)
     58.128
     """
+    check_kind(
+        'orbit',
+        orbit,
+        PeriodicOrbit,
+        'a PeriodicOrbit, such as find_orbits(parameters, (1, 2))[0]',
+    )
     low, high = range_of(path, low, high)
     along = Steps(path, low, high, start, largest_step, most_points)
     value = along.value(orbit.parameters)
@@ -367,6 +367,7 @@ def switch_branch(
     OrbitError
         If it is outside the range, or on a branch along another parameter.
     """
+    check_kind('special', special, SpecialPoint, 'a SpecialPoint, one of branch.special')
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):
         raise ValueError(f'no branch leaves at a {special.kind.value}')
     low, high = range_of(path, low, high)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.motion.compiled import call_kernel
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
 from impact_damper_ros.motion.state import STICK
+from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
@@ -561,6 +562,7 @@ def run_flights(rig: Rig, end: float) -> Flights:
     RunawayError
         If the rig has too many events; it stands where it gave up.
     """
+    check_kind('rig', rig, Rig, 'a Rig, such as Rig(parameters)')
     begin = FlightStart.of(rig)
     run = rig.run(end)
     if run.outcome is not Outcome.COMPLETE:

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from impact_damper_ros.parameters.parameter_spec import check_kind
+
 Array = NDArray[np.float64]
 
 #: Longest period that is recognised, in cycles of the force.
@@ -302,6 +304,7 @@ def find_period(
     >>> found.cycles, found.rows, found.settled
     (1, 2, True)
     """
+    check_kind('section', section, Section, 'a Section, such as Section.of_impacts(...)')
     if len(section) < 3:
         return None
     span = section.phase[-1] - section.phase[0]

@@ -27,8 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import counted
-from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+from impact_damper_ros.parameters.parameter_spec import as_float, whole_number
+from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, check_rig
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.rig.rig import Rig
 
@@ -348,8 +349,11 @@ def ring_down(
     >>> bool(found.curve()['median'].max() > 4.0 * found.dashpot_loss)
     True
     """
-    if not 0.0 < amplitude < math.inf:
-        raise ValueError(f'amplitude is {amplitude!r} m: give a positive number')
+    check_rig('parameters', parameters)
+    if not 0.0 < as_float(amplitude) < math.inf:
+        raise ValueError(f'amplitude is {shown(amplitude)} m: give a positive number')
+    releases = whole_number('releases', releases, 1, 10_000)
+    most_cycles = whole_number('most_cycles', most_cycles, 1, 2**31)
     free = parameters.replace(
         force_amplitudes=(0.0,),
         force_frequencies=(parameters.omega,),

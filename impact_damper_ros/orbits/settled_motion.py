@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_damper_ros.motion.event import EVENT_TYPE, Event, EventKind, events_of_table
+from impact_damper_ros.parameters.parameter_spec import check_kind, whole_number
 from impact_damper_ros.parameters.quoting import counted
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
@@ -475,6 +476,8 @@ def settle(
     >>> found.kind.value, found.rhythm.stops, round(found.rhythm.phases[0], 6)
     ('periodic', (1, 2), 0.733784)
     """
+    check_kind('rig', rig, Rig, 'a Rig, such as Rig(parameters)')
+    cycles = whole_number('cycles', cycles, 1, 2**31)
     run = _SettlingRig(rig, max(watch, 3 * longest), events, longest)
     while run.cycles < cycles:
         if not run.run(min(between, cycles - run.cycles)):

@@ -62,12 +62,7 @@ from .closed_flights import (
     TANGENT,
 )
 from .orbit import PeriodicOrbit, stability_of
-from .periodic_problem import (
-    PeriodicProblem,
-    Solution,
-    multipliers_of_map,
-    numbers_of,
-)
+from .periodic_problem import PeriodicProblem, Solution, multipliers_of_map, numbers_of
 from .response import Array
 from .search import within_theory
 from .solved_orbits import Guess, guess_on, orbit_of
@@ -105,6 +100,7 @@ def spec_of(name: str) -> ParameterSpec:
 
 def value_of(parameters: RigParameters, name: str) -> float:
     """Return the value of a parameter that a continuation can vary."""
+    check_rig('parameters', parameters)
     _check_name(name)
     if name == BOTH_RESTITUTIONS:
         one, other = parameters.restitution_1, parameters.restitution_2
@@ -147,6 +143,9 @@ def range_of(path: Path, low: float | str, high: float | str) -> tuple[float, fl
     name = path if isinstance(path, str) else ''
     if name:
         _check_name(name)
+    for end, value in (('low', low), ('high', high)):
+        if not hasattr(value, '__float__') and not isinstance(value, str):
+            raise OrbitError(f'{end} is {shown(value)}: give a number, or a text with a unit')
     return number_of(name, low), number_of(name, high)
 
 

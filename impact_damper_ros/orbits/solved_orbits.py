@@ -17,7 +17,8 @@ import numpy as np
 from impact_damper_ros.motion.event import Event, EventKind
 from impact_damper_ros.motion.impact import bounce, rebound
 from impact_damper_ros.motion.state import CHATTER_1, REST_1, REST_2, STICK
-from impact_damper_ros.parameters.rig_parameters import RigParameters
+from impact_damper_ros.parameters.parameter_spec import check_kind
+from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome
 
@@ -154,6 +155,12 @@ def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
     Transmissibility
         Over one period; NaN for a base at rest, and for a motion that the rig cannot perform.
     """
+    check_kind(
+        'orbit',
+        orbit,
+        PeriodicOrbit,
+        'a PeriodicOrbit, such as find_orbits(parameters, (1, 2))[0]',
+    )
     if not orbit.viable or not orbit.parameters.base_motion.moves:
         return Transmissibility()
     return flights_of(orbit).measured()[0].transmissibility
@@ -352,6 +359,8 @@ def orbit_near(
     PeriodicOrbit or None
         The motion to which Newton's method converges; None if it does not.
     """
+    check_rig('parameters', parameters)
+    check_kind('impact', impact, Event, 'an Event, one of rig.advance(time)')
     check_forcing(parameters, cycles)
     cycle = math.tau / parameters.first_harmonic[1]
     instant = cycle * (phase % cycles)

@@ -46,6 +46,12 @@ def as_float(value: Any) -> float:
         return inf if value > 0 else -inf
 
 
+def check_kind(name: str, value: object, kind: type | tuple[type, ...], wanted: str) -> None:
+    """Raise a TypeError if an argument is not of a kind; `wanted` is what to give."""
+    if not isinstance(value, kind):
+        raise TypeError(f'{name} is {shown(value)}: give {wanted}')
+
+
 class ParameterError(ValueError):
     """
     A parameter value that the rig cannot take.

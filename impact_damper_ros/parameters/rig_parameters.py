@@ -19,6 +19,7 @@ from .parameter_spec import (
     ParameterError,
     ParameterSpec,
     ParameterTable,
+    check_kind,
     flag,
     number,
     specs_of,
@@ -556,11 +557,8 @@ PARAMETER_SPECS: dict[str, ParameterSpec] = specs_of(RigParameters)
 
 def check_rig(name: str, value: object) -> None:
     """Raise a TypeError if an argument is no rig."""
-    if not isinstance(value, RigParameters):
-        raise TypeError(
-            f'{name} is {shown(value)}: give RigParameters, such as '
-            "load_parameters('bench_rig')[0]"
-        )
+    wanted = "RigParameters, such as load_parameters('bench_rig')[0]"
+    check_kind(name, value, RigParameters, wanted)
 
 
 def checked_number(name: str, value: Any) -> float:

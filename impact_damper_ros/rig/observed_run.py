@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.motion.event import Event
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
-from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .order import Order
@@ -128,6 +128,7 @@ def run(
     >>> count.total
     3
     """
+    check_kind('rig', rig, Rig, 'a Rig, such as Rig(parameters)')
     coming = deque(changes)
     stops = heapq.merge(
         *(observer.ticks() for observer in observers), [change.time for change in changes]

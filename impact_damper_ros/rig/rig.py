@@ -50,8 +50,8 @@ from impact_damper_ros.motion.oscillator import Line
 from impact_damper_ros.motion.state import Mode, RigConstants, Run, Wave, carried_to
 from impact_damper_ros.parameters.base_motion import wait_for_change
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
-from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float
-from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float, check_kind
+from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, check_rig
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, sweep_of
 
@@ -499,6 +499,9 @@ class Rig(RigState):
         Switching the control off sends them back to the gap by the actuators. Another law begins
         anew, with the present amplitude.
         """
+        check_rig('parameters', parameters)
+        if control is not None:
+            check_kind('control', control, GapControlParameters, 'GapControlParameters')
         self._acts = []
         before, old, own = self._parameters, self._gap_control, self._law is not None
         settings = None
@@ -636,6 +639,7 @@ class Rig(RigState):
         ParameterError
             If `gap_control` is not external or a number is not admissible; nothing changes then.
         """
+        check_kind('order', order, Order, 'an Order, such as Order(stop_1=0.01)')
         if self._gap_control.gap_control != 'external' or self._law is not None:
             raise ParameterError(
                 'gap_control',

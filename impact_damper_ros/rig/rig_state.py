@@ -33,7 +33,7 @@ from impact_damper_ros.motion.state import Mode, Moving, Run, Wave, constants_of
 from impact_damper_ros.motion.transition import begin_from, report_support
 from impact_damper_ros.motion.zero_passage import set_side
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
-from impact_damper_ros.parameters.parameter_spec import as_float, whole_number
+from impact_damper_ros.parameters.parameter_spec import as_float, check_kind, whole_number
 from impact_damper_ros.parameters.quoting import shown
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, check_rig
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
@@ -76,9 +76,12 @@ class RigState:
                 f'the rig cannot start at {shown(time)} s: give a number from {-LATEST:g} to '
                 f'{LATEST:g} s'
             )
+        for record in records:
+            check_kind('records', record, MeasuredRecord, 'a sequence of MeasuredRecord')
         self._law = own_law_of(law)
         default = GapControlParameters(gap_control='off' if law is None else 'timed')
         self._gap_control = control or default
+        check_kind('control', self._gap_control, GapControlParameters, 'GapControlParameters')
         self._parameters = parameters
         self.compiled = self._may_compile() if compiled is None else compiled
         self._play([Playback.begin(record, start) for record in records])
@@ -88,6 +91,7 @@ class RigState:
         return has_numba() and (self._law is None or self._law.compiles)
 
     def _start(self, initial: InitialConditions, time: float) -> None:
+        check_kind('initial', initial, InitialConditions, 'InitialConditions')
         parameters = self._parameters
         initial.check_within(parameters)
         self._sweep = SteppedSine.at(parameters, time, 0, time, 0.0)

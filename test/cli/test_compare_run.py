@@ -191,7 +191,7 @@ def test_the_response_of_a_recorded_sweep_is_that_of_simulate_rig(tmp_path, caps
 
 def test_a_recording_of_ros2_bag(messages, tmp_path):
     """Times of arrival, other metadata, and topics that overtake each other."""
-    arrived = ros2_bags.join(messages, 0)
+    arrived = ros2_bags.joined(messages, 0)
     code, result = run(samples.record(tmp_path / 'bag', arrived), tmp_path)
     assert (code, result['faults']) == (0, [])
     assert verdicts(result)[:2] == ['agrees', 'agrees']
