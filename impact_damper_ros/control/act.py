@@ -12,7 +12,19 @@ CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
 
 
 class Action(IntEnum):
-    """What a record is about."""
+    """
+    What a record is about.
+
+    Examples
+    --------
+    >>> from collections import Counter
+    >>> from impact_damper_ros import GapControlParameters, Rig, RigParameters
+    >>> control = GapControlParameters(gap_control='amplitude')
+    >>> rig = Rig(RigParameters(gravity=0.0), control=control)
+    >>> _ = rig.advance(100.0)
+    >>> Counter(act.action for act in rig.acts)[Action.CROSSING]
+    30
+    """
 
     #: A command started one or both stops.
     COMMAND = 1
@@ -66,6 +78,15 @@ class ControlAct(NamedTuple):
         Energy spent by each actuator so far, J.
     force : float
         Of an order, the active force on M, N; else 0.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import GapControlParameters, Rig, RigParameters
+    >>> control = GapControlParameters(gap_control='amplitude')
+    >>> rig = Rig(RigParameters(gravity=0.0), control=control)
+    >>> _ = rig.advance(10.0)
+    >>> rig.acts[0].action.name, round(rig.acts[0].time, 9), rig.acts[0].target_1
+    ('CROSSING', 4.493428076, 18.5)
     """
 
     time: float

@@ -54,6 +54,17 @@ class LawInput(NamedTuple):
         m/M, and the mean R of both stops.
     gap_min, gap_max : float
         Range of the gap, m.
+
+    Examples
+    --------
+    >>> from math import nan
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> def law(seen, memory):
+    ...     return (seen.gap_min, -seen.gap_min) if seen.crossing else (nan, nan)
+    >>> rig = Rig(RigParameters(gravity=0.0), law=law)
+    >>> _ = rig.advance(20.0)
+    >>> rig.stops
+    (0.001, -0.001)
     """
 
     time: float
@@ -113,6 +124,13 @@ class OwnLaw:
     ------
     LawError
         If it does not take two arguments.
+
+    Examples
+    --------
+    >>> def parted(seen, memory):
+    ...     return seen.gap_max / 2.0, -seen.gap_max / 2.0
+    >>> OwnLaw(parted).compiles
+    False
     """
 
     def __init__(self, law: Law, name: str = '') -> None:

@@ -85,6 +85,21 @@ class Design:
         Widest gap with which m is hit at all from rest, m.
     gap_range, level_range, frequency_range : Span
         How far the gap (m), the level (as a factor) and the frequency (rad/s) may go, each alone.
+
+    Examples
+    --------
+    >>> from impact_damper_ros.design.damper_design import best_design
+    >>> structure = RigParameters.of_structure(
+    ...     primary_mass=5.0,
+    ...     natural_frequency=10.0,
+    ...     damping_ratio=0.02,
+    ...     mass_ratio=0.05,
+    ...     force_frequencies='10 Hz',
+    ...     gravity=0.0,
+    ... )
+    >>> design = best_design(structure)
+    >>> round(1e3 * design.gap, 2), round(design.x_max / design.bare, 3)
+    (2.3, 0.087)
     """
 
     rig: RigParameters

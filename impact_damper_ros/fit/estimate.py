@@ -25,6 +25,12 @@ class Estimate(NamedTuple):
         What was given as a start value; None if there was none.
     unit : str
         SI unit; empty for a ratio.
+
+    Examples
+    --------
+    >>> estimate = Estimate.normal(24.3e-3, 1e-4, 25e-3, 'm')
+    >>> [round(end, 5) for end in estimate.interval]
+    [0.0241, 0.0245]
     """
 
     value: float

@@ -67,7 +67,17 @@ _MOST_HELD, _IN_RHYTHM = 20, 0.98
 
 
 class MeasuredMotion(NamedTuple):
-    """What was measured of a rig, in SI units, by samples."""
+    """
+    What was measured of a rig, in SI units, by samples.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 20.0, 0.01)
+    >>> used = np.ones(len(time), bool)
+    >>> motion = MeasuredMotion(time, np.cos(10.0 * time), 'displacement', used)
+    >>> round(motion.interval, 9), len(motion.between(0.0, 1.0).time)
+    (0.01, 101)
+    """
 
     #: Rising, at equal intervals but for the jitter of a clock, s.
     time: Array
@@ -114,7 +124,15 @@ class MeasuredMotion(NamedTuple):
 
 
 class ReadingOptions(NamedTuple):
-    """What a reader needs to know beside the data."""
+    """
+    What a reader needs to know beside the data.
+
+    Examples
+    --------
+    >>> options = ReadingOptions(column='x1', unit='mm', first=2.0)
+    >>> options.unit, options.last
+    ('mm', inf)
+    """
 
     #: Header or number of the column of the motion, and its unit, if it has none there.
     column: str = ''

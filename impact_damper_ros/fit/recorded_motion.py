@@ -228,6 +228,8 @@ def read_motion(path: str | Path, options: ReadingOptions = NO_OPTIONS) -> Measu
 
     Raises
     ------
+    TypeError
+        If the path or the options are of another kind.
     ValueError
         If the file is none of these, or several of its columns may be the motion; the message
         says what to give.

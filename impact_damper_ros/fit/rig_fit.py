@@ -141,6 +141,14 @@ class RigFit(NamedTuple):
         flight counts.
     rig : RigParameters or None
         The fitted rig; None if nothing could be fitted.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 1.0, 0.005)
+    >>> motion = MeasuredMotion(time, np.cos(time), 'displacement', np.ones(len(time), bool))
+    >>> found = fit_rig(motion, RigParameters(gravity=0.0))
+    >>> found.accepted, len(found.reasons) > 0
+    (False, True)
     """
 
     accepted: bool
@@ -199,8 +207,21 @@ def fit_rig(
 
     Raises
     ------
+    TypeError
+        If the motion is no `MeasuredMotion`, or the start no `RigParameters`.
     FitOptionError
         If a name in `also` is none of `FURTHER`, or one in `uncertain` none of `CONSTANTS`.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig
+    >>> rig = RigParameters(gravity=0.0)
+    >>> time, noise = np.arange(0.0, 200.0, 0.2), np.random.default_rng(1).standard_normal(1000)
+    >>> run = Rig(rig).run(200.0, time)
+    >>> x = run.samples['x'] + 0.01 * noise
+    >>> found = fit_rig(MeasuredMotion(time, x, 'displacement', np.ones(1000, bool)), rig)
+    >>> found.accepted, round(found.rig.gap, 1)
+    (True, 37.0)
     """
     check_kind('measured', measured, MeasuredMotion, 'a MeasuredMotion, such as read_motion(path)')
     check_rig('start', start)

@@ -111,6 +111,16 @@ class StructureFit(NamedTuple):
         The motion at the times of `data`.
     input_noise : float
         Standard deviation of the noise of the force or base, in its unit; 0 where none is seen.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 60.0, 0.02)
+    >>> noise = 1e-3 * np.random.default_rng(1).standard_normal(len(time))
+    >>> x = np.exp(-0.05 * time) * np.cos(5.0 * time) + noise
+    >>> data = MeasuredMotion(time, x, 'displacement', np.ones(len(time), bool))
+    >>> estimate = fit_structure(data).damping_ratio
+    >>> estimate.interval[0] < 0.01 < estimate.interval[1]
+    True
     """
 
     accepted: bool
@@ -534,8 +544,20 @@ def fit_structure(data: MeasuredMotion) -> StructureFit:
 
     Raises
     ------
+    TypeError
+        If the data are no `MeasuredMotion`.
     ValueError
         If the data are no vibration.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 60.0, 0.02)
+    >>> noise = 1e-3 * np.random.default_rng(1).standard_normal(len(time))
+    >>> x = np.exp(-0.05 * time) * np.cos(5.0 * time) + noise
+    >>> data = MeasuredMotion(time, x, 'displacement', np.ones(len(time), bool))
+    >>> found = fit_structure(data)
+    >>> found.kind, round(found.frequency.value, 3), round(found.damping_ratio.value, 4)
+    ('ring-down', 0.796, 0.01)
     """
     check_kind('data', data, MeasuredMotion, 'a MeasuredMotion, such as read_motion(path)')
     kind, drive, noises = 'ring-down', None, (1.0, 0.0)

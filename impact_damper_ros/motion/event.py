@@ -20,7 +20,16 @@ from .state import Moving, Run, Wave, carried_to, offset_of, place
 
 
 class EventKind(IntEnum):
-    """Kind of an event."""
+    """
+    Kind of an event.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> events = Rig(RigParameters(gravity=0.0)).advance(60.0)
+    >>> sum(event.kind is EventKind.IMPACT for event in events)
+    7
+    """
 
     #: m hit a stop.
     IMPACT = 1
@@ -74,6 +83,13 @@ class Event(NamedTuple):
         the active force on M from then on, N.
     mode : int
         The `Mode` after it; -1 if it is not known, as of a recorded event.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> event = Rig(RigParameters(gravity=0.0)).advance(45.0)[0]
+    >>> event.kind.name, event.stop, round(event.damper_velocity_after, 9)
+    ('IMPACT', 1, -11.513253688)
     """
 
     time: float
@@ -103,6 +119,14 @@ class Sample(NamedTuple):
     plus what they have in M: their own one while they move, that of m while they follow it. `base`
     is the displacement b of the base, so that the spring is stretched by x - base more than in
     that equilibrium.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> rig = Rig(RigParameters(gravity=0.0))
+    >>> _ = rig.advance(30.0)
+    >>> rig.sample().time, round(rig.sample().x, 6)
+    (30.0, -2.605725)
     """
 
     time: float

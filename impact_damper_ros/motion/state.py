@@ -25,7 +25,15 @@ from .oscillator import Line, Oscillator, oscillators
 
 
 class Mode(IntEnum):
-    """How m moves relative to M."""
+    """
+    How m moves relative to M.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> Rig(RigParameters(gravity=0.0)).mode is Mode.FREE
+    True
+    """
 
     #: Without friction, in either direction.
     FREE = 0

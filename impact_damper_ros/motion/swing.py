@@ -64,6 +64,16 @@ class Swing:
     ----------
     largest : float
         Largest |X| so far, m.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> rig, swing = Rig(RigParameters(gravity=0.0)), Swing()
+    >>> for instant in (10.0, 20.0, 30.0):
+    ...     events = rig.advance(instant)
+    ...     swing.look(rig.sample(), events)
+    >>> round(swing.largest, 6)
+    25.457471
     """
 
     def __init__(self) -> None:

@@ -188,8 +188,15 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
 
     Raises
     ------
+    TypeError
+        If the rig is no `RigParameters`.
     OrbitError
         If N is too large to list all.
+
+    Examples
+    --------
+    >>> plausible_stops(RigParameters(gravity=0.0), 3)
+    [(1, 1, 2), (1, 2, 2)]
     """
     check_rig('parameters', parameters)
     impacts = whole_number('impacts', impacts, 1, 2**31)

@@ -25,7 +25,17 @@ from .solved_orbits import performed
 
 
 class SpecialKind(Enum):
-    """Kind of a special point."""
+    """
+    Kind of a special point.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters, find_orbits, follow
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+    >>> special = follow(orbit, 'gap', 30.0, 60.0).special
+    >>> [point.kind is SpecialKind.BRANCH_POINT for point in special]
+    [True, False]
+    """
 
     FOLD = 'fold'
     PERIOD_DOUBLING = 'period doubling'
@@ -74,6 +84,14 @@ class SpecialPoint:
         Whether it is located to the tolerance; otherwise it is an estimate.
     reason : str
         At a grazing, and a fold where events meet, the change just beyond it; else empty.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters, find_orbits, follow
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+    >>> special = follow(orbit, 'gap', 30.0, 40.0).special[0]
+    >>> special.kind.value, round(special.value, 4)
+    ('branch point', 35.7269)
     """
 
     def __init__(

@@ -299,6 +299,8 @@ def follow(
 
     Raises
     ------
+    TypeError
+        If the motion is no `PeriodicOrbit`.
     OrbitError
         If the motion is outside the range, or the parameter cannot be varied.
 
@@ -362,10 +364,20 @@ def switch_branch(
 
     Raises
     ------
+    TypeError
+        If it is no `SpecialPoint`.
     ValueError
         If the point is of another kind.
     OrbitError
         If it is outside the range, or on a branch along another parameter.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters, find_orbits
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+    >>> special = follow(orbit, 'gap', 30.0, 40.0).special[0]
+    >>> switch_branch(special, 'gap', 33.0, 40.0).ended
+    'gap = 33, the end of the range'
     """
     check_kind('special', special, SpecialPoint, 'a SpecialPoint, one of branch.special')
     if special.kind not in (SpecialKind.PERIOD_DOUBLING, SpecialKind.BRANCH_POINT):

@@ -164,6 +164,15 @@ class Flights:
         Angle turned by the first harmonic, rad.
     active : ndarray, shape (n + 1,)
         Active force on M, N.
+
+    Examples
+    --------
+    >>> from impact_damper_ros.rig.rig import Rig
+    >>> flights = run_flights(Rig(RigParameters(gravity=0.0)), 60.0)
+    >>> flights
+    <Flights: 8 from 0 to 60 s, 7 impacts>
+    >>> bool(flights.measured()[0].total > 0.0)
+    True
     """
 
     rig: RigParameters
@@ -559,8 +568,16 @@ def run_flights(rig: Rig, end: float) -> Flights:
 
     Raises
     ------
+    TypeError
+        If the rig is no `Rig`.
     RunawayError
         If the rig has too many events; it stands where it gave up.
+
+    Examples
+    --------
+    >>> flights = run_flights(Rig(RigParameters(gravity=0.0)), 60.0)
+    >>> flights
+    <Flights: 8 from 0 to 60 s, 7 impacts>
     """
     check_kind('rig', rig, Rig, 'a Rig, such as Rig(parameters)')
     begin = FlightStart.of(rig)

@@ -50,6 +50,16 @@ class OrbitEvent(NamedTuple):
         The stop concerned, or 0.
     phase : float
         Its instant, counted as the phases of the impacts.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters, find_orbits
+    >>> rig = RigParameters(
+    ...     gravity=1.0, friction=0.3, angle=0.3, gap=16.0, force_frequencies=1.02
+    ... )
+    >>> reversal = find_orbits(rig, (1, 1, 2))[0].events[0]
+    >>> reversal.kind.name, reversal.stop, round(reversal.phase, 6)
+    ('REVERSAL', 0, 0.766202)
     """
 
     kind: EventKind
@@ -82,6 +92,13 @@ class Rhythm:
         Displacement of M at each impact, m.
     x_max : float
         Largest |X| over the period, m: the scale of differences of X.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import find_orbits
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+    >>> orbit.begun_at(1).stops, orbit.distance(orbit.begun_at(1)) < 1e-9
+    ((2, 1), True)
     """
 
     stops: tuple[int, ...]
@@ -201,6 +218,15 @@ class PeriodicOrbit(Rhythm):
     events : tuple of OrbitEvent
         Reversals, sticking and rest within the period; empty where friction keeps its sign from
         impact to impact.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import find_orbits
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+    >>> [round(phase, 6) for phase in orbit.phases], round(orbit.x[0], 4)
+    ([0.733784, 0.233784], 9.9294)
+    >>> orbit.stability, round(abs(orbit.multipliers[0]), 4)
+    ('stable', 0.9495)
     """
 
     parameters: RigParameters

@@ -42,7 +42,15 @@ _SHRINKS, _FEW, _MANY, _APPROACHING, _CLOSE = 0.7, 6, 18, 0.3, 0.1
 
 
 class MotionKind(Enum):
-    """The kind of a motion, as measured."""
+    """
+    The kind of a motion, as measured.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters, settle
+    >>> settle(Rig(RigParameters(gravity=0.0))).kind is MotionKind.PERIODIC
+    True
+    """
 
     AT_REST = 'at rest'
     #: M moves, m hits no stop.
@@ -81,6 +89,13 @@ class Section:
         Quantities that are compared, relative to the size of the motion.
     length, speed : float
         What displacements (m) and velocities (m/s) have been divided by.
+
+    Examples
+    --------
+    >>> turn = np.arange(4)
+    >>> section = Section.of_impacts(0.5 * turn, 1 + turn % 2, np.cos(np.pi * turn))
+    >>> section.stop.tolist(), len(section.states)
+    ([1, 2, 1, 2], 4)
     """
 
     phase: Array
@@ -159,6 +174,13 @@ class Period:
         that hit the same stops, the last one last.
     tolerance, floor : float
         As given to `find_period`.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters, settle
+    >>> period = settle(Rig(RigParameters(gravity=0.0))).period
+    >>> period.cycles, period.rows, period.settled
+    (1, 1, True)
     """
 
     cycles: int
@@ -295,6 +317,11 @@ def find_period(
         The shortest period in which the motion has settled (`settled`), or which it approaches
         (`approaches`); else the shortest one that the last periods nearly have; None if there is
         none.
+
+    Raises
+    ------
+    TypeError
+        If the section is no `Section`.
 
     Examples
     --------

@@ -153,6 +153,13 @@ class RingDown:
         First amplitude of M, m.
     runs : tuple of Cycles
         The cycles of each release.
+
+    Examples
+    --------
+    >>> rig = RigParameters(damper_mass=0.06, gap=1.0, restitution_1=0.5, restitution_2=0.5)
+    >>> found = ring_down(rig, 1.0, releases=2)
+    >>> round(found.bound, 3), bool(found.loss.max() > found.dashpot_loss)
+    (1.419, True)
     """
 
     parameters: RigParameters
@@ -337,6 +344,8 @@ def ring_down(
 
     Raises
     ------
+    TypeError
+        If the rig is no `RigParameters`.
     ValueError
         If the amplitude is not positive, or no release swings up twice before it is over.
     RunawayError

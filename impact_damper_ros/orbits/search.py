@@ -86,6 +86,11 @@ class StartReport(NamedTuple):
         motions of a simpler rig, without friction or with one harmonic, and simulated motion.
     converged : int
         How many of them led to a motion, of these or of other stops.
+
+    Examples
+    --------
+    >>> find_orbits(RigParameters(gravity=0.0), (1, 2)).report.complete
+    True
     """
 
     complete: bool
@@ -110,6 +115,12 @@ class OrbitSearch:
         smallest swing first within each.
     report : StartReport
         How the search went, and whether it is complete.
+
+    Examples
+    --------
+    >>> search = find_orbits(RigParameters(gravity=0.0), (1, 2))
+    >>> len(search), [orbit.stable for orbit in search], search.report.complete
+    (2, [True, False], True)
     """
 
     orbits: tuple[PeriodicOrbit, ...]

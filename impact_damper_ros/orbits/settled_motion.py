@@ -132,6 +132,13 @@ class SettledMotion:
         under gap control.
     reason : str
         Why the rig could not be run on, and the remedy; empty if it could.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters
+    >>> motion = settle(Rig(RigParameters(gravity=0.0)))
+    >>> motion.kind.name, motion.rhythm.stops, round(motion.x_max, 5)
+    ('PERIODIC', (1, 2), 10.46441)
     """
 
     kind: MotionKind
@@ -463,6 +470,13 @@ def settle(
     -------
     SettledMotion
         The motion, with its period, its impacts and its kind.
+
+    Raises
+    ------
+    TypeError
+        If the rig is no `Rig`.
+    ParameterError
+        If the number of cycles is not positive.
 
     Notes
     -----

@@ -99,7 +99,21 @@ def spec_of(name: str) -> ParameterSpec:
 
 
 def value_of(parameters: RigParameters, name: str) -> float:
-    """Return the value of a parameter that a continuation can vary."""
+    """
+    Return the value of a parameter that a continuation can vary.
+
+    Raises
+    ------
+    TypeError
+        If the rig is no `RigParameters`.
+    OrbitError
+        If the parameter cannot be varied.
+
+    Examples
+    --------
+    >>> value_of(RigParameters(), 'gap')
+    37.0
+    """
     check_rig('parameters', parameters)
     _check_name(name)
     if name == BOTH_RESTITUTIONS:
@@ -123,7 +137,21 @@ def number_of(name: str, value: float | str) -> float:
 
 
 def with_value(parameters: RigParameters, name: str, value: float) -> RigParameters:
-    """Return the rig with one parameter, as `value_of` names it, changed."""
+    """
+    Return the rig with one parameter, as `value_of` names it, changed.
+
+    Raises
+    ------
+    OrbitError
+        If the parameter cannot be varied.
+    ParameterError
+        If the value is out of range.
+
+    Examples
+    --------
+    >>> with_value(RigParameters(), 'gap', 30.0).gap
+    30.0
+    """
     if name == BOTH_RESTITUTIONS:
         return parameters.replace(restitution_1=value, restitution_2=value)
     if name == SLOWNESS:
@@ -272,6 +300,14 @@ class BranchPoint:
         The parameter.
     orbit : PeriodicOrbit
         The motion there.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters, find_orbits, follow
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+    >>> point = follow(orbit, 'gap', 37.0, 38.0).points[-1]
+    >>> point.value, round(point.orbit.x_max, 6), point.performed
+    (38.0, 10.002572, True)
     """
 
     def __init__(self, curve: SolutionCurve, row: Array) -> None:

@@ -154,6 +154,22 @@ def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
     -------
     Transmissibility
         Over one period; NaN for a base at rest, and for a motion that the rig cannot perform.
+
+    Raises
+    ------
+    TypeError
+        If the motion is no `PeriodicOrbit`.
+    RunawayError
+        If the rig has too many events on the way.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import find_orbits
+    >>> shaken = RigParameters(
+    ...     gravity=0.0, gap=0.37, force_amplitudes=0.0, base_amplitudes=0.01
+    ... )
+    >>> round(transmissibility(find_orbits(shaken, (1, 2))[0]).absolute, 4)
+    10.5249
     """
     check_kind(
         'orbit',
@@ -358,6 +374,19 @@ def orbit_near(
     -------
     PeriodicOrbit or None
         The motion to which Newton's method converges; None if it does not.
+
+    Raises
+    ------
+    TypeError
+        If the rig or the impact is of another kind.
+
+    Examples
+    --------
+    >>> rig = Rig(RigParameters(gravity=0.0))
+    >>> _ = rig.advance(2000.0)
+    >>> impact = rig.advance(2007.0)[-1]
+    >>> orbit_near(rig.parameters, impact, impact.time / math.tau, 1).stops
+    (2, 1)
     """
     check_rig('parameters', parameters)
     check_kind('impact', impact, Event, 'an Event, one of rig.advance(time)')

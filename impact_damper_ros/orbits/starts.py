@@ -46,6 +46,12 @@ class ImpactEquations:
     OrbitError
         If the rig or the sequence is outside the theory; with friction also if a flight returns
         to the stop it came from, since friction reverses within it.
+
+    Examples
+    --------
+    >>> equations = ImpactEquations(RigParameters(gravity=0.0), (1, 2), 1)
+    >>> equations.impacts, round(equations.period, 6)
+    (2, 6.283185)
     """
 
     def __init__(self, parameters: RigParameters, stops: tuple[int, ...], cycles: int) -> None:

@@ -64,6 +64,14 @@ class Transmissibility(NamedTuple):
     acceleration : float
         rms X'' over rms b'', what accelerometers on both see. The blows of the impacts themselves,
         in which X'' is infinite, are left out.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import find_orbits, transmissibility
+    >>> rig = RigParameters(gravity=0.0, gap=0.37, force_amplitudes=0.0, base_amplitudes=0.01)
+    >>> orbit = find_orbits(rig, (1, 2))[0]
+    >>> transmissibility(orbit).absolute > 1.0
+    True
     """
 
     absolute: float = math.nan

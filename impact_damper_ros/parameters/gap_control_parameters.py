@@ -17,6 +17,12 @@ class GapControlParameters(ParameterTable):
     ------
     ParameterError
         If a value is out of range, or `gap_min` is not below `gap_max`.
+
+    Examples
+    --------
+    >>> control = GapControlParameters(gap_control='timed', gap_max=50.0)
+    >>> control.active, control.gap_control_gain
+    (True, 0.8)
     """
 
     _owner = 'the gap control'

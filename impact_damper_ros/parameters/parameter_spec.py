@@ -76,6 +76,12 @@ class ParameterSpec(NamedTuple):
     for each entry. A number with a `least` is 0, which stands for what `zero` says, or at least
     that. `choices` are the texts that a string may be; without any it may be every text but an
     empty one. `effect` is when a value that is set while the node runs takes effect.
+
+    Examples
+    --------
+    >>> from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
+    >>> PARAMETER_SPECS['gap'].unit, PARAMETER_SPECS['gap'].read('24.5 mm')
+    ('m', 0.0245)
     """
 
     name: str

@@ -412,6 +412,12 @@ def load_parameters(
         unknown parameter.
     ParameterError
         If a value is not admissible.
+
+    Examples
+    --------
+    >>> rig, initial, other = load_parameters('bench_rig')
+    >>> rig.gap, initial.initial_damper_offset, other['gap_control']
+    (0.024, 0.0, 'off')
     """
     path = preset_file(Path(path))
     try:

@@ -48,6 +48,12 @@ class RigParameters(ParameterTable):
     ParameterError
         If a value is out of range, the force arrays differ in length, or the rig is not
         underdamped. `PARAMETER_SPECS` has the ranges.
+
+    Examples
+    --------
+    >>> rig = RigParameters(gravity=0.0, damping=0.02)
+    >>> rig.zeta, rig.replace(gap='24 mm').gap
+    (0.01, 0.024)
     """
 
     _owner = 'the rig'
@@ -508,6 +514,11 @@ class InitialConditions(ParameterTable):
     ------
     ParameterError
         If a value is out of range; `INITIAL_SPECS` has the ranges.
+
+    Examples
+    --------
+    >>> InitialConditions(initial_primary_position='2 mm').initial_primary_position
+    0.002
     """
 
     _owner = 'the initial conditions'

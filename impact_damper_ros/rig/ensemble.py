@@ -82,6 +82,12 @@ class EnsembleResult(NamedTuple):
         Time spent in each `Mode`, s.
     actuator_energies : ndarray of float, shape (n, 2)
         Energy spent by the actuator of each stop, J.
+
+    Examples
+    --------
+    >>> result = run_ensemble(RigParameters(gravity=0.0), {'gap': [37.0, 74.0]}, 60.0)
+    >>> result.event_counts.tolist(), result.times.tolist()
+    ([7, 0], [60.0, 60.0])
     """
 
     outcomes: npt.NDArray[np.int64]

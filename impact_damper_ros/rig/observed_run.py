@@ -34,6 +34,15 @@ class TimedChange(NamedTuple):
         The rig from then on.
     control : GapControlParameters
         Its gap control from then on.
+
+    Examples
+    --------
+    >>> rig = Rig(RigParameters(gravity=0.0))
+    >>> narrow = rig.parameters.replace(gap=30.0)
+    >>> change = TimedChange(30_000_000_000, {'gap': 30.0}, narrow, rig.control)
+    >>> _ = run(rig, 60.0, changes=[change])
+    >>> change.time, rig.parameters.gap
+    (30.0, 30.0)
     """
 
     time_ns: int
@@ -55,7 +64,21 @@ class TimedOrder(NamedTuple):
 
 
 class Observer:
-    """What observes a run of a rig; a class derived from it defines the methods that it needs."""
+    """
+    What observes a run of a rig; a class derived from it defines the methods that it needs.
+
+    Examples
+    --------
+    >>> class Count(Observer):
+    ...     impacts = 0
+    ...
+    ...     def take_events(self, events):
+    ...         self.impacts += len(events)
+    >>> count = Count()
+    >>> _ = run(Rig(RigParameters(gravity=0.0)), 60.0, [count])
+    >>> count.impacts
+    7
+    """
 
     def ticks(self) -> Iterator[float]:
         """Yield the instants at which the rig is to stop, s, in order."""
@@ -113,6 +136,8 @@ def run(
 
     Raises
     ------
+    TypeError
+        If the rig is no `Rig`.
     RunawayError
         If the rig has more events than that; the observers have seen all of them.
 

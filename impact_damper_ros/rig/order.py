@@ -36,6 +36,15 @@ class Order(NamedTuple):
         How fast, m/s; NaN for the speed of the actuators, which is the limit.
     force : float
         Active force on M from now on, N.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import GapControlParameters, Rig, RigParameters
+    >>> control = GapControlParameters(gap_control='external')
+    >>> rig = Rig(RigParameters(gravity=0.0), control=control)
+    >>> _ = rig.order(Order(stop_1=15.0, force=0.5))
+    >>> rig.stops, rig.force
+    ((15.0, -18.5), 0.5)
     """
 
     stop_1: float = nan

@@ -38,7 +38,15 @@ _NO_ROWS = np.empty(0, dtype_of(EventRow))
 
 
 class Outcome(IntEnum):
-    """How a run ended."""
+    """
+    How a run ended.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> Rig(RigParameters(gravity=0.0)).run(60.0, most_events=3).outcome.name
+    'TOO_MANY_EVENTS'
+    """
 
     #: The requested time was reached.
     COMPLETE = DONE
@@ -82,6 +90,13 @@ class RunResult(NamedTuple):
         Number of transitions, recorded or not; an impact that ends in rest is one.
     time_in_mode : ndarray of float, shape (8,)
         Time spent in each `Mode`, s.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> result = Rig(RigParameters(gravity=0.0)).run(60.0, instants=[0.0, 30.0, 60.0])
+    >>> result.outcome.name, len(result.impacts()), round(float(result.samples['x'][1]), 6)
+    ('COMPLETE', 7, -2.605725)
     """
 
     outcome: Outcome

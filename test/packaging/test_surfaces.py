@@ -41,6 +41,18 @@ def test_all_names_are_there_and_documented(folder):
         _ = surface.nothing
 
 
+def test_every_public_name_has_an_example():
+    surface = import_module('impact_damper_ros')
+    things = {name: getattr(surface, name) for name in surface.__all__}
+    assert [
+        name
+        for name, thing in things.items()
+        if callable(thing)
+        and not (isinstance(thing, type) and issubclass(thing, Exception))
+        and not any('>>>' in text for text in docstrings(thing))
+    ] == []
+
+
 @pytest.mark.parametrize(('module', 'name'), NAMES)
 def test_examples_of_public_names(module, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
