@@ -380,9 +380,9 @@ class McapFile:
             if stamp_ns > high:
                 high = stamp_ns
         if block.whole and position != end:
-            fault = fault or 'a record in it is cut or of no kind that a chunk may hold'
+            fault = fault or 'a record in it is cut, or of a kind that a chunk cannot have'
         if count and not block.start_ns <= low <= high <= block.end_ns and block.whole:
-            fault = fault or 'its messages are not of the time that it states'
+            fault = fault or 'its time range does not match its messages'
         block.count, block.strange = count, strange
         return found, fault
 

@@ -214,7 +214,7 @@ class RunReader:
         if self.own and self.complete:
             noted = {text for key, text in self.custom.items() if key != 'node'}
             found += [
-                f'the bag is not whole: its notes name the topic {topic}, which is not in it'
+                f'the bag is not complete: its notes name the topic {topic}, which is not in it'
                 for topic in sorted(noted - names)
                 if topic.startswith('/')
             ]
@@ -222,7 +222,7 @@ class RunReader:
             found.append(self._listing_error)
         if self._listing is not None and self.complete:
             texts = listing_faults(self._listing, self.message_count)
-            found += [f'the bag is not whole: {text}' for text in texts]
+            found += [f'the bag is not complete: {text}' for text in texts]
         return found
 
     def remarks(self) -> list[str]:

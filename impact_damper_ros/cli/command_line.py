@@ -356,7 +356,7 @@ def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:
     read = {path.resolve() for path in inputs if path is not None}
     for path in files:
         if read & {path, *path.parents}:
-            raise ValueError(f'{path} is, or is in, what is read: give the output another name')
+            raise ValueError(f'{path} is an input, or lies in one: give the output another name')
     for path in figures:
         if path.suffix.lower() not in ('.png', '.svg', '.pdf'):
             raise CommandError(f'{path}: give a name that ends in .png, .svg or .pdf')

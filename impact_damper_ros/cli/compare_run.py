@@ -82,14 +82,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--score',
         action='store_true',
-        help='score the control of one or several recordings, each beside the same run with the '
-        'fixed gap with which it begins and without damper',
+        help='score the control of one or several recordings, each compared with the '
+        'same run at the gap with which it begins, and without damper',
     )
     parser.add_argument(
         '--score-gap',
         type=number_in(spec.low or 0.0, spec.high or math.inf, 'm'),
         metavar='GAP',
-        help='with --score: the fixed gap of the run beside each, instead of its own',
+        help='with --score: fixed gap to compare with [the gap at the start of the run]',
     )
     add_path_option(parser, '--markdown', 'with --score: write the table as Markdown (- : stdout)')
     add_path_option(parser, '--figure', 'with --score: draw the amplitudes of all recordings')

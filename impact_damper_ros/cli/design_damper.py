@@ -67,7 +67,7 @@ With --fitted the structure and its uncertainty are those of a fit.
 With --check no damper is designed: it lists which runs of a rig to record on a bench.
 """
 _EPILOG = """\
-The amplitude is that of the absolute displacement X of the structure. Ranges are LOW:HIGH.
+The amplitude is of the absolute displacement X of the structure. Ranges are LOW:HIGH.
 Exit code: 0 if done; 3 if no damper was found; 2 if the input is invalid; 1 if a file cannot be
 written, or numba is missing; 130 on Ctrl-C, 143 on SIGTERM.
 Examples:
@@ -150,8 +150,8 @@ def _parser() -> argparse.ArgumentParser:
     add_path_option(
         rigs,
         '--fitted',
-        'the structure, its excitation and its damper as fit_rig --json has written them; their '
-        '95 %% intervals are what is uncertain. Other options override it',
+        'structure, excitation and damper from fit_rig --json; their '
+        '95 %% intervals are the uncertainty. Other options override it',
         'FITTED',
     )
     structure = parser.add_argument_group('the structure')

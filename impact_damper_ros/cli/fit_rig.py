@@ -111,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
         type=path_of,
         metavar='PARAMS',
         help='parameters file of the rig with masses and force, or a preset: '
-        f'{", ".join(presets())} [of a recording of a rig: that which it names]',
+        f'{", ".join(presets())} [of a recording: the rig that it names]',
     )
     parser.add_argument(
         '--node', default='', metavar='NAME', help='which rig, if that file describes several'
@@ -166,7 +166,7 @@ def _parser() -> argparse.ArgumentParser:
         '--saturation',
         type=motion_size,
         metavar='SIZE',
-        help='size from which on the sensor is saturated, such as 16g [found by itself]',
+        help='size from which on the sensor is saturated, such as 16g [detected]',
     )
     for name, text in (('from', 'first'), ('to', 'last')):
         data.add_argument(
@@ -186,7 +186,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar='TIME',
         help='without DATA: how long to listen to --topic [20]',
     )
-    add_path_option(parser, '--look', 'draw what is read of the data, and fit nothing', 'FIGURE')
+    add_path_option(parser, '--look', 'draw the data as they are read, without a fit', 'FIGURE')
     add_json_option(parser)
     add_path_option(parser, '--report', 'write an HTML report, and its numbers beside it', 'DIR')
     add_path_option(parser, '--rig-out', 'write the fitted rig, with its intervals as comments')

@@ -122,8 +122,8 @@ def add_recorded_law_option(parser: argparse.ArgumentParser) -> None:
         '--law',
         type=_law,
         metavar='MODULE:FUNCTION',
-        help='the law of your own with which the run was recorded: a bag only names it. Modules '
-        'in the current directory are found',
+        help='your control law with which the run was recorded, since a bag has only its name; '
+        'modules in the current directory are found',
     )
 
 

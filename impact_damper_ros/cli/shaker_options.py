@@ -67,7 +67,7 @@ def with_sweep_levels(arguments: argparse.Namespace, given: GivenRig) -> GivenRi
     values, columns = sweep_levels(arguments.sweep_levels)
     rig = given.parameters
     if rig.sweep_mode == 'off':
-        raise ValueError('--sweep-levels are those of a sweep: give --set sweep_mode=up, too')
+        raise ValueError('--sweep-levels needs a sweep: give --set sweep_mode=up, too')
     say('simulate_rig', f'levels of {arguments.sweep_levels}: {columns}')
     group = 'base' if 'base_amplitudes' in values else 'force'
     for part in ('frequencies', 'phases'):
@@ -98,7 +98,7 @@ def add_record_options(parser: argparse.ArgumentParser) -> None:
     add_path_option(
         parser,
         '--force-record',
-        'let a measured force act on M, beside that of the rig: a table with the columns t [s] '
+        'add a measured force on M to that of the rig: a table with the columns t [s] '
         'and force [N]; each sample is held from the middle of the interval before it to the '
         'middle of the next one',
     )

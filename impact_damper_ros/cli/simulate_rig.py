@@ -331,8 +331,8 @@ def _simulate(
     swept = _swept_run(arguments, rig, records)
     if arguments.transmissibility is not None and (records or swept is not None):
         raise CommandError(
-            '--transmissibility is that of a base of many lines alone: leave it out, or the '
-            'records and the sweep'
+            '--transmissibility needs a base of many lines, without records or a sweep: leave it '
+            'out, or them'
         )
     response = None if records or swept is not None else _response(arguments, rig)
     summary = RunSummary(rig, duration, response)
@@ -382,7 +382,7 @@ def _swept_run(
 ) -> SweptRun | None:
     """Return what takes the response to a sweep; None where it is not wanted."""
     if arguments.response is not None and rig.parameters.sweep_mode == 'off':
-        raise CommandError('--response is that of a sweep: give --set sweep_mode=up, too')
+        raise CommandError('--response needs a sweep: give --set sweep_mode=up, too')
     if rig.parameters.sweep_mode == 'off' or not (arguments.response or arguments.figure):
         return None
     if not records and not arguments.change:
@@ -390,7 +390,7 @@ def _swept_run(
     if arguments.response is None:
         return None
     raise CommandError(
-        '--response is that of one rig in one sweep: leave it out, or --change and the records'
+        '--response needs one rig in one sweep: leave it out, or --change and the records'
     )
 
 
@@ -408,8 +408,7 @@ def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None
     if sum(map(bool, rig.parameters.base_motion.amplitudes)) < 2:
         if wanted:
             raise CommandError(
-                '--transmissibility is that of a base of many lines: give --base-psd, or leave it '
-                'out'
+                '--transmissibility needs a base of many lines: give --base-psd, or leave it out'
             )
         return None
     try:

@@ -114,7 +114,7 @@ def motion_curve(stretch: RecordedStretch, start: float, cycle: float) -> Motion
 
 
 def _last_values(time: Array, samples: Samples, values: Array) -> Array:
-    """Return the values of the samples up to some instants."""
+    """Return the value of the last sample at or before each instant."""
     index = np.searchsorted(samples['time'], time, side='right') - 1
     found: Array = values[np.clip(index, 0, None)]
     return found

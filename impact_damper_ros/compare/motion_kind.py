@@ -170,7 +170,7 @@ def _doubt(found: Indications | None, later: SettledMotion | None, spent: float)
     if more := found.cycles_to_decide():
         return f'the exponent is not certain; about {more} cycles in all would decide'
     if found.shrinks:
-        text = 'neighbouring motions converge to it: a long transient, or a long period; about '
+        text = 'the Lyapunov exponent is negative: a long transient, or a long period; about '
         return f'{text}{math.ceil(math.log(SETTLED) / found.exponent)} more cycles would decide'
     if found.grows:
         text = 'neighbouring motions diverge, but the averages indicate a regular motion'

@@ -222,7 +222,7 @@ class PeriodicMotion:
     times: Array  # beginning of each period, s
     #: Distance of each period from the predicted one; from the last, if there is no prediction.
     distances: Array
-    #: Distance of the last period that the remaining transient and the stamps account for.
+    #: Largest distance that the remaining transient and the resolution of the stamps explain.
     allowed: float
     settled_at: float | None  # instant from which the distance is less than `SETTLED`, s
     recurrence: Period

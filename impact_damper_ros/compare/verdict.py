@@ -181,7 +181,7 @@ def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _
     expected = _vibration(stretch, joined=joined)
     later = run_on(stretch, cycle, math.inf)
     if expected is None or later is None or (not joined and rig.friction * rig.gravity > 0.0):
-        text = 'm slides without impacts: theory does not cover such a motion'
+        text = 'm slides with friction and hits no stop: theory has no closed solution for it'
         return _Judgement(Verdict.NO_PREDICTION, text)
     section = later.section
     hits = later.impacts if later.period is None else []

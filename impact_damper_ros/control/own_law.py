@@ -275,7 +275,7 @@ def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
 
 @kernel(inline=True)
 def law_failed(control: Control) -> bool:
-    """Return whether a law has returned what are no places of stops."""
+    """Return whether a law has returned invalid positions of stops."""
     return control.refusal.time == control.refusal.time
 
 

@@ -24,8 +24,8 @@ MOST_CHI = 1.1
 LEAST_FLIGHTS, LEAST_USED = 10, 0.7
 #: What else may be the cause where a fit leads nowhere.
 WRONG_RIG = (
-    'see that the damper is in the record, and that masses, angle and force are those '
-    'of it (--also force_delay finds the phase of the force)'
+    'check that the damper was in the rig, and that masses, angle and force are right '
+    '(--also force_delay finds the phase of the force)'
 )
 #: A further parameter beyond this many standard deviations is one that the model lacks.
 MOST_Z = 4.0

@@ -30,7 +30,7 @@ _CONTRADICTION, _MOST_RELEASES = 100.0, 6
 
 def gains_of(shooting: Shooting, solution: Solution) -> Array:
     """
-    Return how much each flight costs: its laws, or residuals of its own that are too large.
+    Return the misfit of each flight: the larger of what its laws and its residuals add.
 
     A flight of n samples has n squares, with a deviation of sqrt(2 n).
     """

@@ -21,8 +21,8 @@ from .measured_motion import MeasuredMotion
 from .partition import noise_of
 from .vibration import Array
 
-#: Tones describe a record if they leave this part of its size (rms), or the noise of its sensor,
-#: which may be so large.
+#: Tones describe a record if their residual is at most this part of its rms, or this multiple of
+#: the noise of its sensor, which may be this part of the rms at most.
 _LEFT, _LEFT_OF_NOISE, _MOST_NOISE = 0.005, 1.3, 0.05
 #: Most tones that are looked for.
 _MOST_TONES = 6

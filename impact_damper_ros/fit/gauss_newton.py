@@ -32,7 +32,7 @@ _PARTS = (1.0, 0.5, 0.25, 0.1, 0.03)
 #: Steps go on until no condition is larger than this, in standard deviations of the data.
 _EXACT = 1e-3
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-11, 1e-9
-#: What the conditions give way, so that those that repeat each other do no harm.
+#: Regularisation of the conditions: redundant ones leave the system regular.
 _GIVE = 1e-13
 
 

@@ -276,7 +276,7 @@ def _on_one_clock(table: MeasuredTable) -> MeasuredTable:
             continue
         if np.ptp(columns[key].values):
             raise table.error(
-                clock, 0, f'another clock than that of the motion: export {key} and motion on one'
+                clock, 0, f'its clock is not that of the motion: export {key} and motion on one'
             )
         # A channel that nothing is connected to
         title = f'{key} {shown(columns.pop(key).title)}'

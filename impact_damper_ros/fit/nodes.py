@@ -34,7 +34,7 @@ class Nodes:
     lawless_ends : ndarray of bool
         Whether the flight that ends at each of `ends` obeys no law of m.
     holds : ndarray, shape (n, 2)
-        Nodes and coordinates that nothing else determines.
+        Unknowns that keep their start value, since no equation determines them: node, coordinate.
     """
 
     def __init__(self, course: Course) -> None:

@@ -7,7 +7,8 @@ their instants and the states (X, X', Y, Z') just after them; there is no closur
 parameters are unknown, too. From node to node the motion is one closed formula, so that nothing is
 simulated and no error is carried over more than one flight: chaos does no harm.
 
-Conditions that always hold say how M moves and what is what at an impact. The laws of m,
+Conditions that always hold are the motion of M in each flight and its jump at each impact. The
+laws of m,
 
 - velocity: m arrives at an impact with alpha J relative to M, where J is the jump of X',
 - place: m arrives at the stop,

@@ -33,8 +33,8 @@ class Constant(NamedTuple):
 #: Constants of the file that are not fitted unless asked for. All masses and forces may be larger
 #: by one factor, so that M is the measure of the others.
 CONSTANTS = {
-    'damper_mass': Constant(0.005, 'm is not that of the file, which --also damper_mass fits'),
-    'primary_mass': Constant(0.0, 'M is not that of the file, which --also primary_mass fits'),
+    'damper_mass': Constant(0.005, 'm differs from the file, which --also damper_mass fits'),
+    'primary_mass': Constant(0.0, 'M differs from the file, which --also primary_mass fits'),
     'force_amplitudes': Constant(0.01, 'the force is not as large as described'),
     'base_amplitudes': Constant(0.01, 'the base does not move as far as described'),
 }

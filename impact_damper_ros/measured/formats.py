@@ -46,7 +46,7 @@ def content_of(path: Path, most: int = _MOST_BYTES) -> bytes:
         cause = getattr(error, 'strerror', None) or error
         raise TableError(f'{name}: cannot be read ({cause}): give the path of a file') from error
     if not plain:
-        raise TableError(f'{name}: no plain file: give the path of one')
+        raise TableError(f'{name}: not a regular file: give the path of one')
     raise TableError(f'{name}: {size} bytes: give at most {most}; cut it, or leave out columns')
 
 

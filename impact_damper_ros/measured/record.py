@@ -96,7 +96,9 @@ class MeasuredRecord(NamedTuple):
         quantity = copy['quantity']
         digest = hashlib.sha256('\n'.join([quantity, *texts.values()]).encode()).hexdigest()
         if digest != copy['digest']:
-            raise ValueError(f'the record {shown(copy["name"])} is damaged: its digest is another')
+            raise ValueError(
+                f'the record {shown(copy["name"])} is damaged: its digest does not match'
+            )
         if quantity not in _COLUMNS or len(times) != len(values):
             raise ValueError(
                 f'the record {shown(copy["name"])} of {shown(quantity)} has {len(times)} times '

@@ -190,7 +190,7 @@ class Diagnostics:
         elif now.awaited and not engine.paused and engine.time_ns == (last.time_ns if last else 0):
             level, message = WARN, f'lock-step waits for a command on {now.awaited}'
         elif now.missed > (last.controller.missed if last else 0):
-            level, message = WARN, 'no command has come in lock-step: the rig goes on without'
+            level, message = WARN, 'no command has come in lock-step: the rig continues without it'
         elif now.parked:
             level, message = WARN, f'no command for {age} s: the stops are parked'
         values = {

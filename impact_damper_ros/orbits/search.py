@@ -274,7 +274,7 @@ def settled_orbits(parameters: RigParameters, cycles: int) -> tuple[PeriodicOrbi
 
 
 def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | None]:
-    """Yield the motions of some cycles for which a rig leaves an unstable one, on either side."""
+    """Yield the orbits that a rig reaches after a small push off an unstable one, both ways."""
     rate = orbit.parameters.first_harmonic[1]
     for push in _PUSHES:
         rig = after_impact(orbit, orbit.parameters, push * orbit.x_max * rate)

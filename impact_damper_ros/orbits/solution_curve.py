@@ -25,7 +25,12 @@ from impact_damper_ros.parameters.parameter_spec import (
     whole_number,
 )
 from impact_damper_ros.parameters.quoting import shown, similar_names
-from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters, slowness
+from impact_damper_ros.parameters.rig_parameters import (
+    PARAMETER_SPECS,
+    RigParameters,
+    check_rig,
+    slowness,
+)
 
 from .arclength import (
     BRANCHING,
@@ -156,6 +161,7 @@ def with_value(parameters: RigParameters, name: str, value: float) -> RigParamet
         return parameters.replace(restitution_1=value, restitution_2=value)
     if name == SLOWNESS:
         return parameters.replace(restitution_speed=slowness(value))
+    _check_name(name)
     if PARAMETER_SPECS[name].kind == 'double_array':
         entries = getattr(parameters, name)
         return parameters.replace(**{name: (value, *entries[1:])})
@@ -367,7 +373,7 @@ def _points(curve: SolutionCurve, rows: Array) -> list[BranchPoint]:
 
 class SolutionCurve:
     """
-    Motions with the nodes of a given one, or of a guess, or of some periods of it, as a curve.
+    Solution branch for a fixed sequence of nodes: of an orbit, a guess, or several periods.
 
     They solve n equations in n unknowns and one parameter, which is the last coordinate, divided
     by a scale.

@@ -31,8 +31,8 @@ class GapControlParameters(ParameterTable):
         'off',
         ('off', 'amplitude', 'timed', 'external'),
         'Law that moves the stops: off holds them at the gap, amplitude follows the vibration, '
-        'timed closes a stop on m where M is fastest, external does what a controller outside of '
-        'the rig commands.',
+        'timed closes a stop on m where M is fastest, external obeys a controller outside of the '
+        'rig.',
     )
     gap_control_stops: str = text(
         'independent',
@@ -99,11 +99,11 @@ class GapControlParameters(ParameterTable):
     sensor_fault: str = text(
         'none',
         ('none', 'frozen', 'dropout', 'bias', 'spike'),
-        'Fault of the sensors of X and Y: they repeat the last sample, give none, are off by '
-        'sensor_fault_size, or about one sample in ten is.',
+        'Fault of the sensors of X and Y: they repeat the last sample, give none, have an error '
+        'of sensor_fault_size, or about one sample in ten has.',
     )
     sensor_fault_size: float = number(
-        0.0, -1e9, 1e9, 'm', 'By how much X and Y are off under a bias or in a spike.'
+        0.0, -1e9, 1e9, 'm', 'Error of X and Y under a bias or in a spike.'
     )
     actuator_delay: float = number(
         0.0, 0.0, 1e6, 's', 'Time from a command to the start of the stop.'

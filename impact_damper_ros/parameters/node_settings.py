@@ -63,8 +63,8 @@ class NodeSettings(ParameterTable):
     control_law: str = text(
         'none',
         (),
-        'A law of your own in place of that which gap_control names, unless that is off: '
-        'MODULE:FUNCTION, of the directory in which the node starts; or none.',
+        'Control law of your own, MODULE:FUNCTION, imported from the directory in which the node '
+        'starts; it replaces the law of gap_control, unless that is off. Or none.',
         effect='start',
     )
     force_record: str = text(
@@ -77,15 +77,15 @@ class NodeSettings(ParameterTable):
     base_record: str = text(
         'none',
         (),
-        'Measured acceleration that moves the base in the same way: the path of a table with t '
-        '[s] and acceleration [m/s^2], or [g]; or none.',
+        'Measured acceleration of the base, from the start on and anew from each reset: the path '
+        'of a table with t [s] and acceleration [m/s^2], or [g]; or none.',
         effect='start',
     )
     lock_step: str = text(
         'off',
         ('off', 'stop_commands', 'force_command', 'both'),
-        'Topics whose command, with the stamp of the measurement, an externally controlled rig '
-        'waits for at each measurement; stamps count from 0 then, and /clock is published.',
+        'Topics of the commands that an externally controlled rig waits for at each measurement, '
+        'with its stamp; stamps then count from 0, and /clock is published.',
         effect='start',
     )
     lock_step_timeout: float = number(
@@ -93,7 +93,7 @@ class NodeSettings(ParameterTable):
         1e-3,
         1e6,
         's',
-        'Wall time after which the rig in lock-step goes on without a command, until one comes.',
+        'Wall time after which the rig in lock-step continues without a command, until one comes.',
     )
     command_timeout: float = number(
         1.0,
@@ -117,7 +117,7 @@ class NodeSettings(ParameterTable):
     bag_directory: str = text(
         'runs',
         (),
-        'Directory in which every recording makes its own; ~ is the home directory.',
+        'Directory in which each recording makes a directory; ~ is the home directory.',
         effect='next recording',
     )
     # Each file begins with a description of its topics.

@@ -131,8 +131,8 @@ class RigParameters(ParameterTable):
     base_quantity: str = text(
         'acceleration',
         tuple(QUANTITIES),
-        'What base_amplitudes are amplitudes of: the displacement (m), the velocity (m/s) or the '
-        'acceleration (m/s^2) of the base.',
+        'Quantity of base_amplitudes: displacement (m), velocity (m/s) or acceleration (m/s^2) of '
+        'the base.',
     )
     multisine_level: float = number(
         0.0,
@@ -156,8 +156,8 @@ class RigParameters(ParameterTable):
     sweep_mode: str = text(
         'off',
         SWEEP_MODES,
-        'Stepped sine: the way in which the first harmonic goes through the frequencies of the '
-        'sweep, in place of its own one.',
+        'Stepped sine: direction in which the first harmonic goes through the frequencies of the '
+        'sweep; off keeps its own frequency.',
     )
     sweep_low: float = number(0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the sweep.')
     sweep_high: float = number(1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the sweep.')
@@ -281,7 +281,7 @@ class RigParameters(ParameterTable):
                 name = f'base_frequencies[{index}]'
                 raise ParameterError(
                     'base_frequencies',
-                    f'{name} is {frequency!r} rad/s: a base of such a {self.base_quantity} goes '
+                    f'{name} is {frequency!r} rad/s: a base with this {self.base_quantity} moves '
                     f'away, give a higher {name}, or base_quantity displacement',
                 )
         forces, _, _ = base.force(self.stiffness, self.damping)

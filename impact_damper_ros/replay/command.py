@@ -38,7 +38,7 @@ from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, check_number, chec
 
 #: Stamps of ROS have 32 bits of seconds, with a sign.
 _LATEST_NS = 2**31 * 10**9
-#: How often a search for the end of a flight may pause before it is given up, after some seconds.
+#: Most interruptions of the search for the end of the first flight, which take a few seconds.
 _MOST_LOOKS = 30_000
 
 

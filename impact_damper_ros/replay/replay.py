@@ -562,5 +562,5 @@ class Replay:
             findings.remark(f'{text}; the recorder notes {noted:,} dropped messages')
         else:
             findings.fault(
-                f'the bag is not whole: {text}, of which the recorder notes {noted:,} as dropped'
+                f'the bag is not complete: {text}; the recorder notes {noted:,} dropped messages'
             )

@@ -120,7 +120,7 @@ class RecordedRun:
         self.reader = RunReader(path)
         self._purpose, self._law = purpose, law
         if not self.reader.message_count:
-            cause = 'it holds no whole message'
+            cause = 'it has no complete message'
             raise RecordingError(purpose, path, cause, 'record a run with record:=true')
         self.topics = _find_rig(self.reader, node, purpose, law)
         if not self.reader.topics[self.topics.joint_states, JOINT_STATE].message_count:
@@ -199,7 +199,7 @@ class RecordedRun:
         found = [f'messages of {topic} {what}: {n}' for (what, topic), n in wrong if n]
         if self.early and self.reader.own:
             found.append(
-                f'the bag is not whole: {self.early} messages are from before its first snapshot'
+                f'the bag is not complete: {self.early} messages precede its first snapshot'
             )
         if self.damage is not None:
             found.append(f'{self.damage}; the remainder was not compared')

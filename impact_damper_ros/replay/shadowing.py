@@ -4,10 +4,10 @@ A replay where the last bits cannot agree: on another C library, processor or ve
 
 Differences of round-off grow from impact to impact, in chaotic motions without bound. The replay
 therefore shadows the recorded motion: at each recorded impact it takes the numbers after it, and
-is compared with the recording up to the next impact only. How far round-off leads astray on the
-way is not estimated but tried: a second rig, which differs by `_NUDGE` and `_STAMP_S`, runs along.
-What is recorded must be as near to the replay as some times that rig. Where the two have other
-events, as at a grazing impact or at the end of a chatter, the flight is not decided, and counted.
+is compared with the recording up to the next impact only. The effect of round-off is
+measured with a second rig, which starts `_NUDGE` (relative) and `_STAMP_S` away. A recorded number
+may be several times as far from the replay as that rig is. Where the two rigs have different
+events, as at a grazing impact or at the end of a chatter, the flight is counted as undecided.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def _from_rest_words(design: Design) -> list[str]:
             why = (
                 'M at rest never swings across it: m has to be started by a push.'
                 if rig.gap > design.widest_hit
-                else 'from rest the rig comes to another motion: m needs a push.'
+                else 'from rest the rig settles into another motion: m needs a push.'
             )
             texts.append(f'A gap of {best_gap} would leave {best}, but {why}')
         kept = 'is hit as well' if alone.keeps_margin else 'is not hit'

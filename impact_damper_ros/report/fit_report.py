@@ -183,7 +183,7 @@ def check_table(found: RigFit) -> Table | None:
         for check in found.checks
     ]
     table = Table.of_rows(('further parameter', 'value', '±', 'unit', 'over ±'), rows)
-    note = 'Each is 0 in the model; one far from 0 says where the model fails.'
+    note = 'Each is 0 in the model; a value far from 0 shows where the model fails.'
     return Table(table.columns, table.groups, 'What the model leaves out', note)
 
 
@@ -194,7 +194,7 @@ def flight_table(found: RigFit) -> Table:
     note = 'The residual is the root mean square over the noise.'
     if left > 0:
         shown = [f for f in found.flights if not f.used][:_MOST_FLIGHTS]
-        note = f'Only those that are not used; report.json has all {len(found.flights)}. {note}'
+        note = f'Only flights that are not used; report.json has all {len(found.flights)}. {note}'
     rows = [
         (
             f'{flight.start:.4f}',

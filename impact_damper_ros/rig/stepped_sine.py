@@ -221,10 +221,10 @@ def sweep_of(parameters: RigParameters) -> tuple[object, ...]:
 
 def waves_after(before: RigParameters, waves: Sequence[Wave], after: RigParameters) -> list[Wave]:
     """
-    Return the harmonics with which a rig goes on with other parameters.
+    Return the state of each harmonic after a change of parameters.
 
-    A harmonic keeps its angle by its index in its group, an added one begins with zero; those of
-    the base go on as `angles_after` says.
+    A harmonic keeps its angle, by its index in its group; an added harmonic begins with zero.
+    Angles of the base follow from `angles_after`.
     """
     groups: dict[str, list[float]] = {}
     first = 0

@@ -2,9 +2,9 @@
 """
 Changes of the base, which wait for its next upward zero.
 
-A base that took another motion anywhere else would jump. What else is changed with it is changed
-at once. Changes are made at whole nanoseconds; in that time the base has gone on by less than what
-round-off of the stamps means, and the new motion begins at the place that it has reached.
+A base that began another motion anywhere else would jump. All other parameters change at once.
+Changes are made at whole nanoseconds. Until the next one the base moves by less than the rounding
+of a time stamp, and the new motion begins at the position reached.
 """
 
 from __future__ import annotations

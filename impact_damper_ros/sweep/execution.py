@@ -136,7 +136,7 @@ class Task(NamedTuple):
     state: State | None  # from which the first one starts then
 
 
-#: Time after which a worker begins no further rig of a task, s.
+#: A worker returns the rows of its task after this time, s.
 _SECONDS = 0.5
 #: Rows of some rigs, and the state to follow.
 Rows = tuple[list[tuple[int, Row]], State | None]

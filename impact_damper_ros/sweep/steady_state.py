@@ -203,7 +203,7 @@ def check_cycle(parameters: RigParameters, settling: Settling) -> None:
         raise ParameterError(
             'force_frequencies',
             f'the force has a cycle of {cycle:g} s, {cycle * parameters.omega / math.tau:.3g} '
-            'natural periods: motion so slow is no vibration, give at least '
+            'natural periods: such a slow motion is no vibration, give at least '
             f'{_SLOWEST * parameters.omega:.3g} rad/s in force_frequencies',
         )
     if most * cycle > 0.5 * LATEST:

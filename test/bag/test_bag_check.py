@@ -57,8 +57,8 @@ def test_a_chunk_removed(bag, tmp_path, number, listing, capsys):
     cut = altered(bag, tmp_path / 'bag', change, listing=listing)
     assert replay_run([str(cut)]) == 3
     text = capsys.readouterr().out
-    assert 'the bag is not whole: its statistics count 1,639 messages, not 1,' in text
-    assert 'the bag is not whole: the checksum of its data does not match' in text
+    assert 'the bag is not complete: its statistics count 1,639 messages, not 1,' in text
+    assert 'the bag is not complete: the checksum of its data does not match' in text
     if number == -1 and listing:
         assert compare_run([str(cut)]) == 3
         assert 'its statistics count 1,639 messages, not 1,' in capsys.readouterr().out
@@ -85,7 +85,7 @@ def test_what_the_file_says_is_checked(bag, tmp_path, change, words):
         list(run)
     faults = run.faults()
     assert any(words in fault for fault in faults), faults
-    assert all(fault.startswith('the bag is not whole: ') for fault in faults)
+    assert all(fault.startswith('the bag is not complete: ') for fault in faults)
 
 
 def test_any_flipped_bit_is_noticed(bag, tmp_path):

@@ -375,9 +375,7 @@ def test_a_notched_sweep(tmp_path, capsys):
 def test_a_response_needs_a_sweep_of_one_rig(tmp_path, capsys):
     response = tmp_path / 'r.csv'
     assert simulate('--duration', 1, '--response', response) == 2
-    assert (
-        '--response is that of a sweep: give --set sweep_mode=up, too' in capsys.readouterr().err
-    )
+    assert '--response needs a sweep: give --set sweep_mode=up, too' in capsys.readouterr().err
     assert swept('--response', response, '--change', '3:gap=20mm') == 2
     assert 'leave it out, or --change and the records' in capsys.readouterr().err
     assert not response.exists()

@@ -279,7 +279,7 @@ def test_labview_files(written):
     assert (
         "not used, since it is constant and has another clock: force 'Kraft [N]'" in data.columns
     )
-    with pytest.raises(TableError, match='another clock than that of the motion: export force'):
+    with pytest.raises(TableError, match='its clock is not that of the motion: export force'):
         read_table_motion(written(several.replace('5\t0.0\t', '5\t2.0\t', 1), 'b.lvm'))
     # Two segments are one record
     text = LABVIEW.format(columns='One')

@@ -229,8 +229,8 @@ def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, 
     kept = [m for m in messages if not 600_000_000 < m[2] - samples.START < 700_000_000]
     findings = replayed(samples.record(tmp_path / 'bag', kept, custom=NOTES))
     assert findings.verdict is ReplayVerdict.PARTIAL
-    text = 'the bag is not whole: 19 joint states are missing, the first after 0.6 s, of which'
-    assert findings.faults == [f'{text} the recorder notes 0 as dropped']
+    text = 'the bag is not complete: 19 joint states are missing, the first after 0.6 s'
+    assert findings.faults == [f'{text}; the recorder notes 0 dropped messages']
     notes = {**NOTES, 'dropped': '19'}
     findings = replayed(samples.record(tmp_path / 'dropped', kept, custom=notes))
     assert findings.verdict is ReplayVerdict.IDENTICAL
@@ -329,7 +329,7 @@ def test_bags_without_a_rig_are_refused(tmp_path, messages):
 
     with pytest.raises(RecordingError, match='no message of a snapshot'):
         replayed(without('/snapshot'))
-    with pytest.raises(RecordingError, match='no whole message'):
+    with pytest.raises(RecordingError, match='no complete message'):
         replayed(samples.record(tmp_path / 'empty', []))
     foreign = samples.record(tmp_path / 'foreign', samples.run(5))
     with pytest.raises(RecordingError, match='of format 3; this version reads format'):
