@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import gc
 import threading
-import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -17,12 +16,11 @@ _OFF = 'theory is switched off: predict_motion is false'
 
 
 class _Request(NamedTuple):
-    """What is asked: a rig, what was measured on it, whether a document is wanted, and when."""
+    """What is asked: a rig, what was measured on it, and whether a document is wanted."""
 
     state: Mapping[str, Any]
     measured: ObservedMotion | None
     documented: bool
-    began: float
 
 
 class TheoryThread:
@@ -46,8 +44,6 @@ class TheoryThread:
     document : str
         The newest document, JSON as `theory.documents` describes it; of an earlier rig until
         there is one for the last.
-    seconds : float
-        Time from the request to the newest answer, s.
     done : bool
         Whether no more answers are to come.
     enabled : bool
@@ -58,7 +54,6 @@ class TheoryThread:
         self.course = 0
         self.prediction: Prediction | None = None
         self.document = failed_document(None, '')
-        self.seconds = 0.0
         self.done = self.enabled = True
         self._on_answer = on_answer
         self._documents = self._closed = False
@@ -73,7 +68,7 @@ class TheoryThread:
         """Request the theory of a rig, given by the state of a snapshot, and forget the last."""
         with self._news:
             self.course += 1
-            self._request = _Request(state, None, self._documents, time.monotonic())
+            self._request = _Request(state, None, self._documents)
             # The document stays until there is another one: its time is that of its rig.
             self.prediction = None
             self._begin()
@@ -111,8 +106,7 @@ class TheoryThread:
     def _begin(self) -> None:
         """Let the thread begin with the newest request."""
         if self._request is not None:
-            began = time.monotonic()
-            self._request = self._request._replace(documented=self._documents, began=began)
+            self._request = self._request._replace(documented=self._documents)
         self._waiting = self.enabled and self._request is not None
         self.done = not self._waiting
         self._news.notify()
@@ -134,7 +128,9 @@ class TheoryThread:
                 with self._news:
                     if self._closed or request is not self._request or not self.enabled:
                         break
-                    self._take(request, *answer)
+                    self.prediction, document = answer
+                    self.document = document or self.document
+                    self.done = self.prediction.complete
                 self._on_answer()
                 with self._news:
                     # While a knob is turned, the next request comes first.
@@ -144,8 +140,3 @@ class TheoryThread:
                 # The garbage collector need not go through all that has been loaded.
                 gc.freeze()
                 loaded = True
-
-    def _take(self, request: _Request, prediction: Prediction, document: str) -> None:
-        self.document = document or self.document
-        self.prediction, self.done = prediction, prediction.complete
-        self.seconds = time.monotonic() - request.began

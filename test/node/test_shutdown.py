@@ -1,16 +1,12 @@
 """How the node ends: by signals, while recording, and when its engine fails."""
 
-import os
 import signal
 import time
-from contextlib import suppress
-from pathlib import Path
 
 import pytest
-from running import alive, until
 
 from impact_damper_ros.bag import RunReader
-from node.rig_client import LIVELY, children
+from node.rig_client import LIVELY
 
 #: As a terminal starts it, or `nohup`, however the tests were started.
 STARTED = """
@@ -109,30 +105,11 @@ def test_a_signal_during_start_up_ends_the_node_quietly(start):
     assert '[ERROR]' not in rig.process.output
 
 
-def ignored(process):
-    """Return the signals that a process ignores, as a mask."""
-    lines = Path(f'/proc/{process}/status').read_text().splitlines()
-    return int(next(line.split()[1] for line in lines if line.startswith('SigIgn:')), 16)
-
-
-def test_ctrl_c_while_the_server_of_the_theory_loads_its_modules(start):
-    """Ctrl-C in a terminal reaches all its processes; none of them prints a traceback."""
+def test_ctrl_c_once_theory_is_known(start):
+    """Its thread holds up no end, and prints no traceback."""
     rig = start(predict_motion=True, **LIVELY)
-
-    def server():
-        for child in children(rig.process.pid):
-            with suppress(OSError):
-                if 'multiprocessing.forkserver' in Path(f'/proc/{child}/cmdline').read_text():
-                    return child
-        return None
-
-    found = rig.process.until(server)
-    os.kill(found, signal.SIGINT)
-    # Once it has its modules, it ignores the signal.
-    until(lambda: not alive(found) or ignored(found) & 1 << signal.SIGINT - 1)
-    assert alive(found), rig.process.output
+    rig.await_report('predicted motion', holds=lambda report: report.values['State'] == 'found')
     assert rig.process.stop() == 0
-    until(lambda: not alive(found))
     assert 'Traceback' not in rig.process.output
 
 

@@ -156,6 +156,8 @@ class GapCurve extends Axes {
       }
       for (const branch of branches) this.branch(context, branch, toX, toY);
       this.specials(context, curve?.special ?? [], toX, toY);
+      // The predicted motion, of the value under the finger
+      if (curve?.x_max_ratio > 0) this.dot(toX(curve.gap), toY(curve.x_max_ratio), colours.theory, 4);
       if (this.aim !== null && this.store.steers) {
         upright(this.aim, colours.link, 1);
         write(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim), colours.link, toX(this.aim) > box.left + box.width / 2, 'bottom');
