@@ -36,7 +36,7 @@ setup(
         'Issues': 'https://example.com/impact_damper_ros/issues',
     },
     license='Apache-2.0',
-    license_files=['LICENSE', 'impact_damper_ros/page/static/vendor/uplot/LICENSE'],
+    license_files=['LICENSE'],
     keywords=['ROS', 'impact damper', 'vibro-impact', 'digital twin', 'MCAP'],
     classifiers=[
         'Intended Audience :: Science/Research',

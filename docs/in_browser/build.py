@@ -192,7 +192,7 @@ def bundle(static: Path = STATIC) -> str:
 def page(home: str, static: Path = STATIC) -> str:
     """Return the page for a rig of its own; `home` is the address of the documentation from it."""
     text = (static / 'index.html').read_text(encoding='utf-8')
-    text = text.replace('/static/vendor/uplot/', '').replace('/static/', '')
+    text = text.replace('/static/', '')
     scripts = '<script src="rig.js" defer></script>\n<script src="page.js" defer></script>'
     text = text.replace('<script src="app.js" type="module"></script>', scripts)
     note = (
@@ -224,9 +224,7 @@ def build(place: Path, home: str = '../') -> None:
         Where the documentation is, from there.
     """
     place.mkdir(parents=True, exist_ok=True)
-    for name in ('icon.svg', 'style.css', 'vendor/uplot/uPlot.min.css'):
+    for name in ('icon.svg', 'style.css'):
         shutil.copy(STATIC / name, place)
-    shutil.copy(STATIC / 'vendor' / 'uplot' / 'uPlot.iife.min.js', place)
-    shutil.copy(STATIC / 'vendor' / 'uplot' / 'LICENSE', place / 'uPlot.LICENSE')
     for name, text in (('rig.js', rig()), ('page.js', bundle()), ('index.html', page(home))):
         (place / name).write_text(text, encoding='utf-8')

@@ -67,7 +67,7 @@ PROSE = [
     *sorted(DOCS.rglob('*.md')),
     *sorted((ROOT / 'impact_damper_ros').rglob('*.py')),
     *sorted((ROOT / 'examples').rglob('*.py')),
-    *sorted(path for path in STATIC.rglob('*.[jh]*') if 'vendor' not in path.parts),
+    *sorted(STATIC.rglob('*.[jh]*')),
 ]
 
 

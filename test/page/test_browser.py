@@ -354,7 +354,7 @@ def test_theory_is_drawn_and_its_curve_sets_the_gap(opened, parameters):
     page.click('#pause')
     page.expect('#status').to_have_text('paused')
     page.wait('impactDamper.history.paused && impactDamper.theory.orbit?.found')
-    names = '#portrait-canvas', '#map-canvas', '#plot canvas'
+    names = '#portrait-canvas', '#map-canvas', '#plot-canvas'
     for _ in ('off', 'on'):
         page.drawn()
         shown = {name: picture(page, name) for name in names}

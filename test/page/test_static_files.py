@@ -1,6 +1,5 @@
-"""The files of the page: what the policy allows, and what is vendored."""
+"""The files of the page: what the policy allows."""
 
-import hashlib
 import re
 from pathlib import Path
 
@@ -9,8 +8,7 @@ import pytest
 import impact_damper_ros
 
 STATIC = Path(impact_damper_ros.__file__).parent / 'page' / 'static'
-MODULES = [path for path in sorted(STATIC.rglob('*.js')) if 'vendor' not in path.parts]
-VENDORED = STATIC / 'vendor' / 'uplot'
+MODULES = sorted(STATIC.rglob('*.js'))
 
 
 def test_the_page_has_nothing_inline():
@@ -32,21 +30,6 @@ def test_no_text_becomes_markup(path):
     for word in ('innerHTML', 'outerHTML', 'insertAdjacentHTML', 'document.write', 'eval('):
         assert word not in text
     assert not re.search(r"setAttribute\('(style|on\w+)'", text)
-
-
-def test_vendored_files_are_those_of_the_release():
-    sums = dict(
-        reversed(line.split()) for line in (VENDORED / 'SHA256SUMS').read_text().splitlines()
-    )
-    for name, expected in sums.items():
-        assert hashlib.sha256((VENDORED / name).read_bytes()).hexdigest() == expected
-    assert set(sums) == {path.name for path in VENDORED.iterdir()} - {'SHA256SUMS'}
-    version = re.search(r'\| ([\d.]+) \|', (STATIC / 'vendor' / 'README.md').read_text())[1]
-    assert f'(v{version})' in (VENDORED / 'uPlot.iife.min.js').read_text(encoding='utf-8')[:200]
-    assert (
-        'MIT' in (VENDORED / 'LICENSE').read_text()
-        or 'Permission is hereby granted' in (VENDORED / 'LICENSE').read_text()
-    )
 
 
 def test_every_module_and_word_is_there():

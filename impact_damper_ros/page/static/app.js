@@ -47,13 +47,12 @@ recordings.mount(byId('recordings'), store, actions);
 bar.mount(byId('bar'), store, actions, { player, knobs });
 tour.mount(byId('tour'), store, actions);
 dialogs.mount();
-const both = ['png', 'svg'];
 pictures.mount(byId('pictures'), store, actions, {
-  rig: { title: 'Rig', plot: () => rig.rig, kinds: both, panel: rig },
-  motion: { title: 'Motion', plot: () => traces.picture, kinds: ['png'] },
-  phase_portrait: { title: 'Phase portrait', plot: () => portrait, kinds: both },
-  impact_map: { title: 'Impact map', plot: () => map, kinds: both },
-  gap_curve: { title: 'Gap curve', plot: () => curve, kinds: both },
+  rig: ['Rig', rig.rig, rig],
+  motion: ['Motion', traces],
+  phase_portrait: ['Phase portrait', portrait],
+  impact_map: ['Impact map', map],
+  gap_curve: ['Gap curve', curve],
 });
 
 const screen = new Screen(store, [rig, traces, portrait, map, curve, circle, player]);

@@ -17,7 +17,7 @@ export function readColours() {
   colours.size = parseFloat(style.fontSize);
 }
 
-/** Font of a size relative to the text of the page, in whole pixels: uPlot scales no others. */
+/** Font of a size relative to the text of the page. */
 export const font = (scale = 0.8, weight = '') =>
   `${weight} ${Math.round(Math.max(10.5, scale * colours.size))}px system-ui, 'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', 'DejaVu Sans', sans-serif`;
 

@@ -10,7 +10,7 @@ import { readColours } from './chart.js';
 
 /**
  * What a panel that draws has: draw(now, anew), rescale() if it has scales, and pictures, each with `stale`.
- * @typedef {{ draw: (now: number, anew: boolean) => void, rescale?: () => void, recolour?: () => void, pictures: { stale: boolean }[] }} Drawn
+ * @typedef {{ draw: (now: number, anew: boolean) => void, rescale?: () => void, pictures: { stale: boolean }[] }} Drawn
  */
 
 export class Screen {
@@ -37,7 +37,6 @@ export class Screen {
   /** Colours and sizes of letters are other ones. */
   recolour() {
     readColours();
-    for (const panel of this.panels) panel.recolour?.();
     this.redraw();
   }
 

@@ -60,9 +60,9 @@ export const mount = (root, store, _actions, plots) => {
     context.drawImage(plot.canvas, 0, ABOVE, width, height);
     canvas.toBlob((content) => save(content, `${name}.png`));
   };
-  const row = ([name, { title, plot, kinds, panel }]) => element(
+  const row = ([name, [title, plot, panel]]) => element(
     'li', {}, element('span', { text: title }),
-    ...kinds.map((kind) => element('button', { type: 'button', text: kind.toUpperCase(), 'aria-label': `${title} as ${kind.toUpperCase()}`, 'data-picture': `${name}.${kind}`, onclick: () => write(title, name, plot(), kind, panel) })),
+    ...['png', 'svg'].map((kind) => element('button', { type: 'button', text: kind.toUpperCase(), 'aria-label': `${title} as ${kind.toUpperCase()}`, 'data-picture': `${name}.${kind}`, onclick: () => write(title, name, plot, kind, panel) })),
   );
   byId('pictures').querySelector('ul').append(...Object.entries(plots).map(row));
 };

@@ -1,130 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scrolling traces of X, Z and both stops by uPlot, with impacts, turned knobs and theory.
+// Scrolling traces of X, Z and both stops, with impacts, turned knobs and theory.
 
-import { colours, dashes, font, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
+import { Axes, circle, colours, dashes, font, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
 import { byId, element, mark, write } from '../dom.js';
-import { decimalsOf, digits, lengthUnit, minus, TAU } from '../format.js';
+import { digits, lengthUnit, TAU } from '../format.js';
 import { drive } from '../words.js';
 
 const MOST_DOTS = 1200;
 /** Stops so many times farther away than anything moves are not in view. */
 const FAR = 20;
-/** Steps between the numbers of an axis: 1, 2 and 5 times powers of ten. */
-const STEPS = Array.from({ length: 22 }, (_, n) => n - 11).flatMap((power) => [1, 2, 5].map((one) => Number(`${one}e${power}`)));
 const WINDOWS = [30, 10, 3, 1];
+/** Series: entry of the legend, what it is, and whether it is always there. */
+const LEGEND = {
+  x: ['X', 'Displacement of M from its static equilibrium', true],
+  z: ['Z', 'Displacement of m', true],
+  stop: ['stops', 'Places of the stops, which ride on M; here their distance, the gap', true],
+  ghost: ['what if', 'X and Z of the rig with other parameters', false],
+  measured: ['measured', 'X and Z as the sensors measure them', false],
+  commands: ['commands', 'Where the stops are to go, by command; below, the active force on M', false],
+};
 
-class Traces {
-  constructor(store) {
+class Traces extends Axes {
+  constructor(canvas, store) {
+    super(canvas);
     this.store = store;
     this.history = store.history;
     this.theory = store.theory;
-    this.stale = true;
-    this.place = byId('plot');
     this.range = new SteadySpan();
     this.unit = lengthUnit(1);
-    this.legend = this.makeLegend();
-    this.make();
-    new ResizeObserver(() => this.resize()).observe(this.place);
-  }
-
-  makeLegend() {
-    const list = byId('legend');
-    const made = {};
-    for (const [key, name, title] of [
-      ['x', 'X', 'Displacement of M from its static equilibrium'],
-      ['z', 'Z', 'Displacement of m'],
-      ['stop', 'stops', 'Places of the stops, which ride on M; here their distance, the gap'],
-      ['ghost', 'what if', 'X and Z of the rig with other parameters'],
-      ['measured', 'measured', 'X and Z as the sensors measure them'],
-      ['commands', 'commands', 'Where the stops are to go, by command; below, the active force on M'],
-    ]) {
+    this.legend = Object.fromEntries(Object.entries(LEGEND).map(([key, [name, title, always]]) => {
       const value = element('dd', {});
-      list.append(element('div', { title, 'data-series': key, hidden: !['x', 'z', 'stop'].includes(key) }, element('dt', { text: name }), value));
-      made[key] = value;
-    }
-    return made;
-  }
-
-  size() {
-    return { width: Math.max(120, this.place.clientWidth), height: Math.max(90, this.place.clientHeight) };
-  }
-
-  make() {
-    this.chart?.destroy();
-    const axisFont = font(0.78);
-    const em = Math.max(10.5, 0.78 * colours.size);
-    const axis = {
-      incrs: STEPS,
-      stroke: () => colours.quiet,
-      font: axisFont,
-      grid: { stroke: () => colours.grid, width: 1 },
-      ticks: { stroke: () => colours.line, width: 1, size: 4 },
-      border: { show: true, stroke: () => colours.line, width: 1 },
-    };
-    const line = (stroke, width) => ({ stroke, width, points: { show: false }, spanGaps: false });
-    this.chart = new globalThis.uPlot(
-      {
-        ...this.size(),
-        padding: [Math.round(1.9 * em), Math.round(1.4 * em), 0, 0],
-        legend: { show: false },
-        cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
-        select: { show: false },
-        scales: {
-          x: { time: false, range: () => this.span() },
-          y: { range: () => this.reach() },
-        },
-        axes: [
-          {
-            ...axis,
-            size: Math.round(2.6 * em),
-            gap: 3,
-            space: 5 * em,
-            values: (_, values) => this.numbers(values),
-          },
-          {
-            ...axis,
-            size: Math.round(3.9 * em),
-            gap: 4,
-            space: 2.6 * em,
-            values: (_, values) => this.numbers(values, this.unit.factor),
-          },
-        ],
-        series: [
-          {},
-          line(() => stopColour(1), 0.8),
-          line(() => stopColour(2), 0.8),
-          line(() => colours.damper, 1.8),
-          line(() => colours.primary, 2.6),
-        ],
-        hooks: { drawClear: [(u) => this.under(u)], draw: [(u) => this.over(u)], setCursor: [() => this.readOut()] },
-      },
-      this.data(),
-      this.place,
-    );
-    this.chart.over.setAttribute('aria-hidden', 'true');
-  }
-
-  get pictures() {
-    return [this];
-  }
-
-  /** The canvas of the chart, with its size in CSS pixels. */
-  get picture() {
-    return { canvas: this.chart.ctx.canvas, width: this.chart.width, height: this.chart.height };
-  }
-
-  recolour() {
-    this.make();
+      byId('legend').append(element('div', { title, 'data-series': key, hidden: !always }, element('dt', { text: name }), value));
+      return [key, value];
+    }));
+    for (const kind of ['pointermove', 'pointerleave']) canvas.addEventListener(kind, () => { this.stale = true; });
   }
 
   /** Choose the scale anew. */
   rescale() {
     this.range = new SteadySpan();
-  }
-
-  resize() {
-    const { width, height } = this.size();
-    if (width !== this.chart.width || height !== this.chart.height) this.chart.setSize({ width, height });
   }
 
   span() {
@@ -133,190 +47,161 @@ class Traces {
   }
 
   /** The range: all that moves, the what-if too, and the stops unless they are far beyond it. */
-  reach() {
+  reach(now) {
     const all = this.history.reach(this.span()[0]);
     let { low, high } = all;
     const moved = Math.max(-low, high);
     if (!(moved > 0) || Math.max(-all.lower, all.upper) < FAR * moved) [low, high] = [Math.min(low, all.lower), Math.max(high, all.upper)];
-    const range = this.range.fit(1.04 * low, 1.04 * high, performance.now());
-    this.unit = lengthUnit(Math.max(-range[0], range[1]));
-    return range;
+    return this.range.fit(1.04 * low, 1.04 * high, now);
   }
 
-  /** Numbers of an axis, with the decimals that their step needs. */
-  numbers(values, factor = 1) {
-    const decimals = decimalsOf(values.length > 1 ? factor * (values[1] - values[0]) : 1);
-    return values.map((value) => minus((value * factor + 0).toFixed(decimals)));
-  }
-
-  /** The samples in the window, and the one before it. */
-  data() {
-    const { samples } = this.history.own;
-    const first = Math.max(samples.start, samples.after(this.span()[0]) - 1);
-    return ['time', 'stop_1', 'stop_2', 'z', 'x'].map((name) => samples.field(name).subarray(first, samples.end));
-  }
-
-  /** Draw what is new. */
   draw(now, anew) {
-    if (!anew && !this.stale) return;
-    this.stale = false;
-    this.chart.setData(this.data(), false);
-    const [min, max] = this.span();
-    this.chart.setScale('x', { min, max });
-    this.readOut();
-  }
-
-  /** Under the lines: knobs turned, as labelled lines. */
-  under(u) {
-    const { ctx: context, bbox } = u;
-    const ratio = devicePixelRatio || 1;
-    const em = Math.max(10.5, 0.78 * colours.size) * ratio;
-    context.save();
-    // names of both axes
-    context.font = font(0.78).replace(/([\d.]+)px/, (_, size) => `${size * ratio}px`);
-    context.fillStyle = colours.quiet;
-    context.textBaseline = 'alphabetic';
-    context.textAlign = 'left';
-    context.fillText(this.unit.unit, 4 * ratio, bbox.top - 0.85 * em);
-    context.textAlign = 'right';
-    context.fillText('rig time (s)', bbox.left + bbox.width, bbox.top + bbox.height + 2.35 * em);
-    context.beginPath();
-    context.rect(bbox.left, bbox.top - 1.8 * em, bbox.width, bbox.height + 1.8 * em);
-    context.clip();
-    const taken = [];
-    const [from, to] = this.span();
-    context.strokeStyle = colours.special;
-    context.fillStyle = colours.special;
-    context.lineWidth = ratio;
-    context.textAlign = 'left';
-    // The newest first: it has its text in any case.
-    for (const { time, text } of this.history.changes.toReversed()) {
-      if (time < from || time > to) continue;
-      const place = u.valToPos(time, 'x', true);
-      context.setLineDash([4 * ratio, 3 * ratio]);
-      strokeLines(context, [[place, bbox.top - 1.3 * em], [place, bbox.top + bbox.height]]);
-      context.setLineDash([]);
-      const { width } = context.measureText(text);
-      const left = Math.max(bbox.left, Math.min(place + 0.35 * em, bbox.left + bbox.width - width));
-      const free = (height) => taken.every(([low, high, other]) => other !== height || left > high || left + width < low);
-      const row = [bbox.top - 0.45 * em, bbox.top + 1.1 * em].find(free);
-      if (row === undefined) continue;
-      taken.push([left - em, left + width + em, row]);
-      context.fillText(text, left, row);
-    }
-    context.restore();
-  }
-
-  /** Over the lines: the what-if, impacts as dots where m is, and the predicted motion. */
-  over(u) {
-    const { ctx: context, bbox } = u;
-    const { impacts } = this.history;
-    const ratio = devicePixelRatio || 1;
-    const [from, to] = this.span();
-    within(context, bbox, () => {
-      this.ghost(u, context, ratio, from);
-      const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
-      const perPixel = (impacts.end - impacts.after(from)) / Math.max(1, bbox.width / ratio);
-      const size = (perPixel > 0.25 || this.history.window > 12 ? 1.6 : 2.6) * ratio;
-      for (const side of [1, 2]) {
-        context.fillStyle = stopColour(side);
-        context.beginPath();
-        for (let n = Math.max(impacts.after(from), impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
-          if (stop[n] !== side || time[n] > to) continue;
-          const place = u.valToPos(time[n], 'x', true);
-          const height = u.valToPos(x[n] + y[n], 'y', true);
-          if (side === 1) context.rect(place - size, height - size, 2 * size, 2 * size);
-          else {
-            context.moveTo(place + 1.15 * size, height);
-            context.arc(place, height, 1.15 * size, 0, 7);
-          }
-        }
-        context.fill();
-      }
+    if ((!anew && !this.stale) || !this.begin()) return;
+    const [low, high] = this.reach(now);
+    this.unit = lengthUnit(Math.max(-low, high));
+    const { factor, unit } = this.unit;
+    const axes = this.axes({ x: this.span(), y: [low * factor, high * factor], xName: 'rig time (s)', yName: unit, xTicks: 12, yTicks: 9 });
+    this.toX = axes.toX;
+    this.toY = (value) => axes.toY(value * factor);
+    this.changes(axes.box);
+    within(this.context, axes.box, () => {
+      const { own: { samples, relative }, other } = this.history;
+      for (const [name, stroke, wide] of /** @type {[string, string, number][]} */ ([
+        ['stop_1', stopColour(1), 0.8], ['stop_2', stopColour(2), 0.8], ['z', colours.damper, 1.8], ['x', colours.primary, 2.6],
+      ])) this.series(samples, name, stroke, wide);
+      this.context.globalAlpha = 0.8;
+      for (const [name, wide] of /** @type {[string, number][]} */ ([['z', 0.8], ['x', 1.3]])) this.series(other.samples, name, colours.special, wide);
+      this.context.globalAlpha = 1;
+      this.impacts(axes.box);
       // Theory is of X in the laboratory.
-      if (this.store.showTheory && !this.history.own.relative && this.theory.orbit?.t) this.predicted(u, context, ratio, from, to);
-      this.controlled(u, context, ratio, from);
+      if (this.store.showTheory && !relative && this.theory.orbit?.t) this.predicted(axes.box);
+      this.controlled(axes.box);
+      if (this.pointer) {
+        Object.assign(this.context, { strokeStyle: colours.steel, lineWidth: 1 });
+        strokeLines(this.context, [[this.pointer[0], axes.box.top], [this.pointer[0], axes.box.top + axes.box.height]]);
+      }
     });
   }
 
+  /** Samples in the window as a line, from the one before it on; of many in a column of pixels first, least, largest and last. */
+  series(samples, name, strokeStyle, lineWidth) {
+    const [time, values] = ['time', name].map((one) => samples.field(one));
+    const points = [];
+    let [column, first, least, most] = [NaN, 0, 0, 0];
+    for (let n = Math.max(samples.start, samples.after(this.span()[0]) - 1); n < samples.end; n += 1) {
+      const [x, y] = [this.toX(time[n]), this.toY(values[n])];
+      if (!Number.isFinite(y)) continue;
+      if (Math.floor(x) !== column) [column, first, least, most] = [Math.floor(x), points.length, y, y];
+      else if (points.length - first > 3) {
+        [least, most] = [Math.min(least, y), Math.max(most, y)];
+        points[first + 1][1] = least;
+        points[first + 2][1] = most;
+        points[first + 3] = [x, y];
+        continue;
+      }
+      points.push([x, y]);
+      [least, most] = [Math.min(least, y), Math.max(most, y)];
+    }
+    Object.assign(this.context, { strokeStyle, lineWidth });
+    if (points.length) strokeLines(this.context, points);
+  }
+
+  /** Knobs turned, as labelled lines. */
+  changes({ left, top, width, height }) {
+    const { context } = this;
+    const em = Math.max(10.5, 0.78 * colours.size);
+    const taken = [];
+    const [from, to] = this.span();
+    Object.assign(context, { strokeStyle: colours.special, fillStyle: colours.special, lineWidth: 1, textAlign: 'left', textBaseline: 'alphabetic', font: font(0.78) });
+    // The newest first: it has its text in any case.
+    for (const { time, text } of this.history.changes.toReversed()) {
+      if (time < from || time > to) continue;
+      const place = this.toX(time);
+      context.setLineDash([4, 3]);
+      strokeLines(context, [[place, top - 1.3 * em], [place, top + height]]);
+      context.setLineDash([]);
+      const wide = context.measureText(text).width;
+      // Beside the unit of the axis
+      const begin = Math.max(left + 1.5 * em, Math.min(place + 0.35 * em, left + width - wide));
+      const row = [top - 0.45 * em, top + 1.1 * em].find((level) => taken.every(([low, high, other]) => other !== level || begin > high || begin + wide < low));
+      if (row === undefined) continue;
+      taken.push([begin - em, begin + wide + em, row]);
+      context.fillText(text, begin, row);
+    }
+  }
+
+  /** Impacts as dots where m is. */
+  impacts({ width }) {
+    const { context, history: { impacts, window } } = this;
+    const [from, to] = this.span();
+    const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
+    const first = impacts.after(from);
+    const size = (impacts.end - first) / Math.max(1, width) > 0.25 || window > 12 ? 1.6 : 2.6;
+    for (let n = Math.max(first, impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
+      if (time[n] > to) continue;
+      context.fillStyle = stopColour(stop[n]);
+      const [place, height] = [this.toX(time[n]), this.toY(x[n] + y[n])];
+      if (stop[n] === 1) context.fillRect(place - size, height - size, 2 * size, 2 * size);
+      else {
+        circle(context, place, height, 1.15 * size);
+        context.fill();
+      }
+    }
+  }
+
   /** What the sensors measured as dots; a command as dashes where the stops are to go, and its force. */
-  controlled(u, context, ratio, from) {
-    const { measured, acts, samples } = this.history.own;
-    const { top, height, width } = u.bbox;
+  controlled({ top, height, width }) {
+    const { context, history: { own: { measured, acts, samples } } } = this;
+    const [from] = this.span();
     const [time, x, z] = ['time', 'x', 'z'].map((name) => measured.field(name));
     const first = Math.max(measured.after(from), measured.end - MOST_DOTS);
-    const dot = ((measured.end - first) * 6 < width / ratio ? 1.8 : 0.8) * ratio;
+    const dot = (measured.end - first) * 6 < width ? 1.8 : 0.8;
     context.fillStyle = colours.ink;
     for (let n = first; n < measured.end; n += 1) {
-      const place = u.valToPos(time[n], 'x', true) - dot;
-      for (const value of [x[n], z[n]]) context.fillRect(place, u.valToPos(value, 'y', true) - dot, 2 * dot, 2 * dot);
+      for (const value of [x[n], z[n]]) context.fillRect(this.toX(time[n]) - dot, this.toY(value) - dot, 2 * dot, 2 * dot);
     }
     const shown = Math.max(acts.after(from), acts.end - MOST_DOTS);
     const [at, command, force] = ['time', 'command', 'force'].map((name) => acts.field(name));
-    let largest = 0;
-    for (let n = shown; n < acts.end; n += 1) if (force[n]) largest = Math.max(largest, Math.abs(force[n]));
+    const largest = force.subarray(shown, acts.end).reduce((most, value) => Math.max(most, Math.abs(value) || 0), 0);
     for (let n = shown; n < acts.end; n += 1) {
       if (!command[n]) continue;
-      const place = u.valToPos(at[n], 'x', true);
+      const place = this.toX(at[n]);
       // Places in M, which is here by then
       const rest = samples.field('x')[Math.max(samples.after(at[n]) - 1, samples.start)];
       for (const stop of [1, 2]) {
         context.fillStyle = stopColour(stop);
-        const level = u.valToPos(rest + acts.field(`stop_${stop}`)[n], 'y', true);
-        if (Number.isFinite(level)) context.fillRect(place - 4 * ratio, level - 1.25 * ratio, 8 * ratio, 2.5 * ratio);
+        const level = this.toY(rest + acts.field(`stop_${stop}`)[n]);
+        if (Number.isFinite(level)) context.fillRect(place - 4, level - 1.25, 8, 2.5);
       }
       context.fillStyle = colours.force;
-      if (force[n]) context.fillRect(place - ratio, top + height, 2 * ratio, (-0.12 * height * Math.abs(force[n])) / largest);
+      if (force[n]) context.fillRect(place - 1, top + height, 2, (-0.12 * height * Math.abs(force[n])) / largest);
     }
   }
 
-  /** X and Z of the what-if, as far as they are known: thin lines, X the stronger one. */
-  ghost(u, context, ratio, from) {
-    const { samples } = this.history.other;
-    const time = samples.field('time');
-    const first = samples.after(from);
-    // No more points than pixels
-    const stride = Math.max(1, Math.floor((samples.end - first) / (2 * u.bbox.width)));
-    context.strokeStyle = colours.special;
-    context.globalAlpha = 0.8;
-    for (const [name, width] of /** @type {[string, number][]} */ ([['z', 0.8], ['x', 1.3]])) {
-      const values = samples.field(name);
-      context.lineWidth = width * ratio;
-      const points = [];
-      for (let n = first; n < samples.end; n += stride) points.push([u.valToPos(time[n], 'x', true), u.valToPos(values[n], 'y', true)]);
-      if (points.length) strokeLines(context, points);
-    }
-    context.globalAlpha = 1;
-  }
-
-  predicted(u, context, ratio, from, to) {
-    const { orbit } = this.theory;
-    const count = orbit.t.length;
-    const begin = Math.max(from, this.history.lastChange);
+  predicted({ left, width }) {
+    const { context, history, theory: { orbit } } = this;
+    const [from, to] = this.span();
+    const begin = Math.max(from, history.lastChange);
     // Thinner than what is measured, which is seen on both sides of it
-    context.strokeStyle = colours.theory;
-    context.lineWidth = 0.8 * ratio;
-    context.setLineDash(dashes(orbit).map((length) => length * ratio));
+    Object.assign(context, { strokeStyle: colours.theory, lineWidth: 0.8 });
+    context.setLineDash(dashes(orbit));
     const lines = [];
-    const perPeriod = (orbit.period / (to - from)) * (u.bbox.width / ratio);
+    const perPeriod = (orbit.period / (to - from)) * width;
     if (perPeriod < 36) {
       // Too dense to be seen as a line: how far M is predicted to move.
       const most = orbit.x.reduce((far, value) => Math.max(far, Math.abs(value)), 0);
-      for (const value of [most, -most]) {
-        const height = u.valToPos(value, 'y', true);
-        lines.push([[u.valToPos(begin, 'x', true), height], [u.bbox.left + u.bbox.width, height]]);
-      }
+      for (const value of [most, -most]) lines.push([[this.toX(begin), this.toY(value)], [left + width, this.toY(value)]]);
     } else {
-      const zero = this.theory.zero(this.history.own.samples, this.history.end);
+      const zero = this.theory.zero(history.own.samples, history.end);
       const first = Math.floor((begin - zero - orbit.t[0]) / orbit.period);
       // No more points than pixels.
-      const stride = Math.max(1, Math.floor(count / perPeriod));
+      const stride = Math.max(1, Math.floor(orbit.t.length / perPeriod));
       for (const values of [orbit.x, orbit.z]) {
         const points = [];
         for (let turn = first; zero + orbit.t[0] + turn * orbit.period < to; turn += 1) {
-          for (let n = 0; n < count; n += stride) {
+          for (let n = 0; n < orbit.t.length; n += stride) {
             const time = zero + orbit.t[n] + turn * orbit.period;
-            if (time >= begin && time <= to) points.push([u.valToPos(time, 'x', true), u.valToPos(values[n], 'y', true)]);
+            if (time >= begin && time <= to) points.push([this.toX(time), this.toY(values[n])]);
           }
         }
         if (points.length) lines.push(points);
@@ -326,14 +211,14 @@ class Traces {
     context.setLineDash([]);
   }
 
-  /** Values at the cursor, or now. */
+  /** Values at the pointer, or now. */
   readOut() {
-    const { own, other } = this.history;
+    const { own, other, end } = this.history ?? {};
+    if (!this.plan) return;
     for (const [key, rows] of [['ghost', other.samples], ['measured', own.measured], ['commands', own.acts]]) {
       this.legend[key].parentElement.hidden = rows.after(this.span()[0]) === rows.end;
     }
-    const { left } = this.chart.cursor;
-    const time = left >= 0 ? Math.min(this.chart.posToVal(left, 'x'), this.history.end) : this.history.end;
+    const time = this.pointer ? Math.min(this.plan.fromX(this.pointer[0]), end) : end;
     const state = own.at(time);
     if (!state) return;
     const { factor, unit } = this.unit;
@@ -348,7 +233,7 @@ class Traces {
 
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
-  const panel = new Traces(store);
+  const panel = new Traces(byId('plot-canvas'), store);
   const buttons = WINDOWS.map((seconds) => element('button', {
     type: 'button', value: String(seconds), text: `${seconds} s`, 'aria-pressed': 'false', onclick: () => {
       store.setWindow(seconds);
