@@ -2,7 +2,7 @@
 """
 The requests that a page may send, read from JSON.
 
-`static/protocol.js` has the same, and the messages to the page, as types; a test compares them.
+`static/messages.d.ts` has the same, and the messages to the page, as types; a test compares them.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from .served import in_loop, live_page
 STATIC = Path(impact_damper_ros.page.__file__).with_name('static')
 UNITS = sorted(Path(__file__).with_name('units').glob('*.test.js'))
 TSC = SOURCE / 'node_modules' / '.bin' / 'tsc'
-PROTOCOL = (STATIC / 'protocol.js').read_text(encoding='utf-8')
-#: How `protocol.js` writes what a field of a request is
+MESSAGES = (STATIC / 'messages.d.ts').read_text(encoding='utf-8')
+#: How `messages.d.ts` writes what a field of a request is
 WORDS = {
     'number': 'a number',
     'string': 'a text',
@@ -71,7 +71,7 @@ export function ask(connection) {
   connection.ask({ type: 'service', name: 'shutdown' });
   connection.send({ type: 'compare', recording: 'run', on: true });
 }
-/** @param {import('./protocol.js').ServerMessage} message */
+/** @param {import('./messages.js').ServerMessage} message */
 export const read = (message) => (message.type === 'status' ? message.txt : '');
 """)
     errors = [line for line in types_of(copy) if 'error TS' in line]
@@ -94,8 +94,8 @@ def fields_of(body):
 
 def messages_of(suffix):
     """Return the types of messages, by their `type`, of a name with an end."""
-    pattern = rf"@typedef {{{{ type: '(\w+)'(?:, (.*))? }}}} (\w*{suffix})$"
-    return {kind: fields_of(body) for kind, body, _ in re.findall(pattern, PROTOCOL, re.M)}
+    pattern = rf"^export type \w*{suffix} = {{ type: '(\w+)'(?:, (.*))? }};$"
+    return {kind: fields_of(body) for kind, body in re.findall(pattern, MESSAGES, re.M)}
 
 
 def test_requests_are_those_that_the_server_takes():
@@ -126,7 +126,6 @@ async def test_messages_are_those_of_the_types(tmp_path):
         fields = types[kind]
         assert {n.rstrip('?') for n in fields} >= set(message) - {'type'}, kind
         assert {n for n in fields if not n.endswith('?')} <= set(message), kind
-    described = re.search(r'@typedef \{object\} Descriptor\n(.*?)\*/', PROTOCOL, re.S)[1]
-    assert set(re.findall(r'@property \{.*\} (\w+)', described)) == set(knob)
-    layout = re.search(r'@typedef \{\{ (.*) \}\} Layout', PROTOCOL)[1]
-    assert set(fields_of(layout)) == set(LAYOUT)
+    for name, expected in (('Descriptor', knob), ('Layout', LAYOUT)):
+        (body,) = re.findall(rf'^export type {name} = {{ (.*) }};$', MESSAGES, re.M)
+        assert set(fields_of(body)) == set(expected)

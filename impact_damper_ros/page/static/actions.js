@@ -19,7 +19,7 @@ export class Actions {
 
   /**
    * Send a request; return whether it was carried out, and show why if not.
-   * @param {import('./protocol.js').Request} message
+   * @param {import('./messages.js').Request} message
    */
   async ask(message) {
     const { ok, reason } = await this.connection.ask(message);
@@ -27,7 +27,7 @@ export class Actions {
     return ok;
   }
 
-  /** @param {import('./protocol.js').ServiceRequest['name']} name */
+  /** @param {import('./messages.js').ServiceRequest['name']} name */
   service(name) {
     return this.ask({ type: 'service', name });
   }

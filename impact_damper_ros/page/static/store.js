@@ -21,22 +21,22 @@ export class Store extends EventTarget {
     this.history = new History();
     this.theory = new Theory();
     this.units = new Units();
-    /** @type {import('./protocol.js').Hello} */
+    /** @type {import('./messages.js').Hello} */
     this.hello = { type: 'hello', version: '', mode: 'live', rig: '', bag: '', parameters: [], presets: [], rigs: [], recordings: [], frame: null, steers: true };
     this.status = 'connecting';
     /** What the server has added to the last status. */
     this.statusText = '';
-    /** @type {Partial<import('./protocol.js').Numbers>} */
+    /** @type {Partial<import('./messages.js').Numbers>} */
     this.numbers = {};
-    /** @type {import('./protocol.js').Diagnostics | null} */
+    /** @type {import('./messages.js').Diagnostics | null} */
     this.diagnostics = null;
-    /** @type {import('./protocol.js').ListedRecording[]} */
+    /** @type {import('./messages.js').ListedRecording[]} */
     this.recordings = [];
     /** Values of the rig itself; beside a recording the knobs hold those of the what-if. */
-    this.values = /** @type {import('./protocol.js').Values} */ ({});
-    this.whatIf = /** @type {import('./protocol.js').Values} */ ({});
+    this.values = /** @type {import('./messages.js').Values} */ ({});
+    this.whatIf = /** @type {import('./messages.js').Values} */ ({});
     /** The best gap of a structure, and the values of its rig, as long as the rig is that one. */
-    this.design = /** @type {{ gap: number, values: import('./protocol.js').Values } | null} */ (null);
+    this.design = /** @type {{ gap: number, values: import('./messages.js').Values } | null} */ (null);
     /** What of the address still has to be sent to the rig. */
     this.wanted = own ? null : opened;
     /** What the address is to hold. */
@@ -69,7 +69,7 @@ export class Store extends EventTarget {
 
   /**
    * Take in a message of the server.
-   * @param {import('./protocol.js').ServerMessage} message
+   * @param {import('./messages.js').ServerMessage} message
    */
   receive(message) {
     switch (message.type) {
@@ -101,7 +101,7 @@ export class Store extends EventTarget {
     }
   }
 
-  /** @param {import('./protocol.js').Hello} hello */
+  /** @param {import('./messages.js').Hello} hello */
   begin(hello) {
     const live = hello.mode !== 'player';
     if (!live || hello.rig !== this.hello.rig) this.design = null;
@@ -134,7 +134,7 @@ export class Store extends EventTarget {
     return this.hello.presets.find((one) => one.title === title)?.name ?? '';
   }
 
-  /** @param {import('./protocol.js').Parameters} message */
+  /** @param {import('./messages.js').Parameters} message */
   takeChange(message) {
     const { time, values } = message;
     const factor = values.gap / this.values.gap;
@@ -159,7 +159,7 @@ export class Store extends EventTarget {
     if (rescaled) this.emit('units');
   }
 
-  /** @param {import('./protocol.js').Frame} frame */
+  /** @param {import('./messages.js').Frame} frame */
   takeFrame(frame) {
     this.frames += 1;
     this.history.add(frame);

@@ -8,12 +8,12 @@ const SETTINGS = new Set(['real_time_factor', 'record', 'bag_directory', 'predic
 /** Units of the motion of the base, by its quantity. */
 const BASE = { displacement: 'm', velocity: 'm/s', acceleration: 'm/s²' };
 
-/** @param {import('./protocol.js').Values} values */
+/** @param {import('./messages.js').Values} values */
 const naturalOf = ({ primary_mass: mass, stiffness }) => (mass > 0 ? Math.sqrt(stiffness / mass) / TAU : 0);
 
 /** In which units the values of a rig are read; they change only where they have to. */
 export class Units {
-  /** @param {import('./protocol.js').Values} values */
+  /** @param {import('./messages.js').Values} values */
   constructor(values = {}) {
     this.natural = naturalOf(values);
     this.scale = lengthUnit(values.gap ?? 1);
@@ -22,8 +22,8 @@ export class Units {
 
   /**
    * Take in values that have changed, of all that the rig has by then; return whether a unit is another one.
-   * @param {import('./protocol.js').Values} changed
-   * @param {import('./protocol.js').Values} values
+   * @param {import('./messages.js').Values} changed
+   * @param {import('./messages.js').Values} values
    */
   take(changed, values) {
     let anew = false;
@@ -63,9 +63,9 @@ function isPadded(before, value) {
 
 /**
  * What was done to a rig, for the lines in the traces: a text, and the name of the parameter if it is a single one.
- * @param {{ kind: string, values?: import('./protocol.js').Values, preset?: string }} change
- * @param {import('./protocol.js').Values} before
- * @param {import('./protocol.js').Descriptor[]} descriptors
+ * @param {{ kind: string, values?: import('./messages.js').Values, preset?: string }} change
+ * @param {import('./messages.js').Values} before
+ * @param {import('./messages.js').Descriptor[]} descriptors
  * @param {Units} units
  */
 export function changeInWords({ kind, values = {}, preset = '' }, before, descriptors, units) {
@@ -85,7 +85,7 @@ export function changeInWords({ kind, values = {}, preset = '' }, before, descri
 
 /**
  * What shakes the rig first, the force or the base: amplitude, unit, and frequency in rad/s.
- * @param {import('./protocol.js').Values} values
+ * @param {import('./messages.js').Values} values
  */
 export function drive({ force_amplitudes: force = [], force_frequencies: ofForce = [], base_amplitudes: base = [], base_frequencies: ofBase = [], base_quantity: quantity }) {
   if (!force[0] && base[0]) return { amplitude: Math.abs(base[0]), unit: BASE[quantity], frequency: ofBase[0], word: 'base ' };
@@ -120,7 +120,7 @@ const KINDS = { 'without impacts': 'No impacts', transient: 'Settling' };
 
 /**
  * The verdict on a motion: words, their shade, and a line each on the measured and the predicted motion.
- * @param {Pick<import('./protocol.js').Diagnostics, 'level' | 'kind' | 'message' | 'verdict' | 'agreement'>} report
+ * @param {Pick<import('./messages.js').Diagnostics, 'level' | 'kind' | 'message' | 'verdict' | 'agreement'>} report
  * @param {import('./theory.js').Theory} theory
  */
 export function verdictInWords({ level, kind, message, verdict, agreement }, theory) {

@@ -267,7 +267,7 @@ class Knob {
 export class Knobs {
   /**
    * @param {import('../store.js').Store} store
-   * @param {(values: import('../protocol.js').Values) => Promise<import('../protocol.js').Answer>} set
+   * @param {(values: import('../messages.js').Values) => Promise<import('../messages.js').Answer>} set
    */
   constructor(store, set) {
     this.store = store;

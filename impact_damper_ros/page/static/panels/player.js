@@ -16,7 +16,7 @@ export class Player {
     this.on = false;
     this.start = 0;
     this.duration = 0;
-    /** @type {import('../protocol.js').Change[]} */
+    /** @type {import('../messages.js').Change[]} */
     this.changes = [];
     this.playing = false;
     this.speed = 1;
