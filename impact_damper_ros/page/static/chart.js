@@ -232,7 +232,7 @@ export class Axes extends ReadOut {
     context.textBaseline = 'middle';
     across.values.forEach((value, n) => context.fillText(labels[n], box.left - 5, toY(value)));
     context.textBaseline = 'alphabetic';
-    context.fillText(xName, box.left + box.width, this.height - 3);
+    context.fillText(xName, box.left + box.width, this.height - 0.28 * em);
     context.textAlign = 'left';
     context.fillText(yName, Math.max(2, box.left - margin.left + 4), em + 1);
     const fromX = (place) => xLow + ((place - box.left) / box.width) * (xHigh - xLow);

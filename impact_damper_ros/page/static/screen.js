@@ -54,6 +54,8 @@ export class Screen {
   }
 
   begin() {
+    // Large letters may have come since the first look.
+    this.recolour();
     const draw = (now) => {
       requestAnimationFrame(draw);
       const { version } = this.store.history;
