@@ -53,6 +53,9 @@ export function within(context, { left, top, width, height }, draw) {
   context.restore();
 }
 
+/** The unit of a quantity without one, or of one that is read as it is. */
+export const plain = (unit = '') => ({ factor: 1, unit });
+
 /** A canvas that knows its size in CSS pixels and draws sharply on every screen. */
 export class Canvas {
   constructor(canvas) {
@@ -170,32 +173,27 @@ export class ReadOut extends Canvas {
 
 /** Axes in a canvas: a frame with a light grid, numbers and the names of both quantities. */
 export class Axes extends ReadOut {
-  constructor(canvas) {
-    super(canvas);
-    /** The frame, how to get from values to pixels and back, and the names of both quantities. */
-    this.plan = null;
-  }
+  /** The frame, how to get from values to pixels and back, and both quantities. */
+  plan = null;
 
   /** Both values under a place in the frame, with their units. */
   pointed(x, y) {
-    const { box, fromX, fromY, xName, yName } = this.plan ?? {};
+    const { box, fromX, fromY, along, across } = this.plan ?? {};
     if (!box || x < box.left || x > box.left + box.width || y < box.top || y > box.top + box.height) return '';
-    const value = (name, number) => {
-      const [, quantity, unit = ''] = /^(.*?)(?: \((.*)\))?$/.exec(name);
-      return `${quantity} ${digits(number, 3)}${unit && `\u202f${unit}`}`;
-    };
-    return `${value(xName, fromX(x))}, ${value(yName, fromY(y))}`;
+    const value = ([name, { factor, unit }], number) => `${name} ${digits(number * factor, 3)}${unit && `\u202f${unit}`}`;
+    return `${value(along, fromX(x))}, ${value(across, fromY(y))}`;
   }
 
-  /** Draw the frame and return how to get from values to pixels. */
-  axes({ x, y, xName, yName, xTicks = 4, yTicks = 4 }) {
+  /** Draw the frame for ranges of two quantities, each with its name and the unit in which it is read; return how to get from values to pixels. */
+  axes({ x, y, along, across, xTicks = 4, yTicks = 4 }) {
+    const [[xName, xUnit], [yName, yUnit]] = [along, across];
     const { context } = this;
     const size = 0.78;
     context.font = font(size);
     const em = Math.max(10.5, size * colours.size);
-    const [[xLow, xHigh], [yLow, yHigh]] = [x, y];
-    const across = ticks(yLow, yHigh, Math.min(yTicks, Math.max(2, this.height / (3.2 * em))));
-    const labels = across.values.map((value) => minus(value.toFixed(across.decimals)));
+    const [[xLow, xHigh], [yLow, yHigh]] = [[x, xUnit], [y, yUnit]].map(([range, { factor }]) => range.map((end) => end * factor));
+    const rows = ticks(yLow, yHigh, Math.min(yTicks, Math.max(2, this.height / (3.2 * em))));
+    const labels = rows.values.map((value) => minus(value.toFixed(rows.decimals)));
     const margin = {
       left: Math.ceil(Math.max(...labels.map((text) => context.measureText(text).width), 8) + 10),
       right: Math.ceil(0.9 * em),
@@ -210,7 +208,7 @@ export class Axes extends ReadOut {
     };
     const toX = (value) => box.left + ((value - xLow) / (xHigh - xLow)) * box.width;
     const toY = (value) => box.top + box.height - ((value - yLow) / (yHigh - yLow)) * box.height;
-    const along = ticks(xLow, xHigh, Math.min(xTicks, Math.max(2, box.width / (4.5 * em))));
+    const columns = ticks(xLow, xHigh, Math.min(xTicks, Math.max(2, box.width / (4.5 * em))));
     context.lineWidth = 1;
     context.strokeStyle = colours.grid;
     context.fillStyle = colours.quiet;
@@ -218,26 +216,31 @@ export class Axes extends ReadOut {
     const sharp = (place) => Math.round(place) + 0.5;
     strokeLines(
       context,
-      ...along.values.map((value) => [[sharp(toX(value)), box.top], [sharp(toX(value)), ground]]),
-      ...across.values.map((value) => [[box.left, sharp(toY(value))], [right, sharp(toY(value))]]),
+      ...columns.values.map((value) => [[sharp(toX(value)), box.top], [sharp(toX(value)), ground]]),
+      ...rows.values.map((value) => [[box.left, sharp(toY(value))], [right, sharp(toY(value))]]),
     );
     context.strokeStyle = colours.line;
     context.strokeRect(Math.round(box.left) + 0.5, Math.round(box.top) + 0.5, Math.round(box.width), Math.round(box.height));
     context.textBaseline = 'top';
     context.textAlign = 'center';
-    for (const value of along.values) {
-      context.fillText(minus(value.toFixed(along.decimals)), toX(value), box.top + box.height + 4);
+    for (const value of columns.values) {
+      context.fillText(minus(value.toFixed(columns.decimals)), toX(value), box.top + box.height + 4);
     }
     context.textAlign = 'right';
     context.textBaseline = 'middle';
-    across.values.forEach((value, n) => context.fillText(labels[n], box.left - 5, toY(value)));
+    rows.values.forEach((value, n) => context.fillText(labels[n], box.left - 5, toY(value)));
     context.textBaseline = 'alphabetic';
-    context.fillText(xName, box.left + box.width, this.height - 0.28 * em);
+    const named = (name, { unit }) => (unit ? `${name} (${unit})` : name);
+    context.fillText(named(xName, xUnit), box.left + box.width, this.height - 0.28 * em);
     context.textAlign = 'left';
-    context.fillText(yName, Math.max(2, box.left - margin.left + 4), em + 1);
-    const fromX = (place) => xLow + ((place - box.left) / box.width) * (xHigh - xLow);
-    const fromY = (place) => yLow + ((box.top + box.height - place) / box.height) * (yHigh - yLow);
-    this.plan = { box, toX, toY, fromX, fromY, xName, yName };
+    context.fillText(named(yName, yUnit), Math.max(2, box.left - margin.left + 4), em + 1);
+    this.plan = {
+      box, along, across,
+      toX: (value) => toX(value * xUnit.factor),
+      toY: (value) => toY(value * yUnit.factor),
+      fromX: (place) => (xLow + ((place - box.left) / box.width) * (xHigh - xLow)) / xUnit.factor,
+      fromY: (place) => (yLow + ((box.top + box.height - place) / box.height) * (yHigh - yLow)) / yUnit.factor,
+    };
     this.readOut();
     return this.plan;
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
-import { Axes, circle, colours, dashes, font, strokeLines, within } from '../chart.js';
+import { Axes, circle, colours, dashes, font, plain, strokeLines, within } from '../chart.js';
 import { byId, mark, write } from '../dom.js';
 import { digits, lengthUnit, niceAbove, withUnit } from '../format.js';
 import { TERMS } from '../glossary.js';
@@ -28,10 +28,8 @@ class GapCurve extends Axes {
     this.plan = null;
     const pointed = (event) => {
       if (!this.plan) return null;
-      const { box } = this.plan;
-      const at = event.clientX - canvas.getBoundingClientRect().left;
-      if (at < box.left || at > box.left + box.width) return null;
-      return (this.low + ((at - box.left) / box.width) * (this.high - this.low)) || null;
+      const gap = this.plan.fromX(event.clientX - canvas.getBoundingClientRect().left);
+      return gap >= this.low && gap <= this.high ? gap || null : null;
     };
     canvas.addEventListener('pointermove', (event) => {
       this.aim = pointed(event);
@@ -61,14 +59,14 @@ class GapCurve extends Axes {
     if (near) return this.named(near);
     const { box, fromX, toY } = this.plan ?? {};
     if (!box || !super.pointed(x, y)) return '';
-    const { factor, unit } = lengthUnit(this.high);
-    const gap = fromX(x) / factor;
+    const gap = fromX(x);
     const crossed = (this.theory.curve?.branches ?? []).flatMap(({ gap: gaps, x_max_ratio: ratios }) => gaps.slice(1).flatMap((to, n) => {
       const from = gaps[n];
       if ((from - gap) * (to - gap) > 0 || from === to) return [];
       return [ratios[n] + ((gap - from) / (to - from)) * (ratios[n + 1] - ratios[n])];
     }));
     const ratio = crossed.sort((one, other) => Math.abs(toY(one) - y) - Math.abs(toY(other) - y))[0];
+    const { factor, unit } = lengthUnit(this.high);
     return [`d ${digits(gap * factor, 3)}\u202f${unit}`, ratio === undefined ? '' : `Xmax/A ${digits(ratio, 3)}`].filter(Boolean).join(', ');
   }
 
@@ -128,14 +126,7 @@ class GapCurve extends Axes {
     }
     const top = niceAbove(1.1 * most || 1);
     if (!(this.top >= top && this.top <= 2.5 * top)) this.top = top;
-    const axes = this.axes({
-      x: [this.low * factor, this.high * factor],
-      y: [0, this.top],
-      xName: `gap d (${unit})`,
-      yName: 'Xmax / A',
-    });
-    const toX = (gap) => axes.toX(gap * factor);
-    const { toY, box } = axes;
+    const { toX, toY, box } = this.axes({ x: [this.low, this.high], along: ['gap d', { factor, unit }], y: [0, this.top], across: ['Xmax / A', plain()] });
     within(this.context, box, (context) => {
       const upright = (gap, stroke, alpha, dash = []) => {
         Object.assign(context, { strokeStyle: stroke, globalAlpha: alpha, lineWidth: 1 });

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Impact map: velocity of m after each impact over the phase of the force.
 
-import { Axes, circle, colours, SteadyRange, stopColour, within } from '../chart.js';
+import { Axes, circle, colours, plain, SteadyRange, stopColour, within } from '../chart.js';
 import { byId, mark, write } from '../dom.js';
 import { niceAbove, velocityUnit } from '../format.js';
 
@@ -41,17 +41,11 @@ class ImpactMap extends Axes {
     for (let n = Math.max(first, impacts.after(history.begun)); n < impacts.end; n += 1) fast = Math.max(fast, Math.abs(damper[n]));
     for (const one of predicted) fast = Math.max(fast, Math.abs(one.damper_velocity_after));
     const height = this.up.fit(fast > 0 ? niceAbove(1.2 * fast) : 0, now);
-    const speed = velocityUnit(height);
-    const axes = this.axes({
-      x: [0, 1],
-      y: [-height * speed.factor, height * speed.factor],
-      xName: 'phase of the force (cycles)',
-      yName: `Z′ after (${speed.unit})`,
-      xTicks: 5,
+    const { toX, toY, box } = this.axes({
+      x: [0, 1], along: ['phase of the force', plain('cycles')], y: [-height, height], across: ['Z′ after', velocityUnit(height)], xTicks: 5,
     });
-    const toY = (value) => axes.toY(value * speed.factor);
     this.marks = [];
-    within(this.context, axes.box, (context) => {
+    within(this.context, box, (context) => {
       const dot = impacts.end - first > 400 ? 1.3 : 1.9;
       for (let n = first; n < impacts.end; n += 1) {
         if (!Number.isFinite(phase[n])) continue;
@@ -59,7 +53,7 @@ class ImpactMap extends Axes {
         const old = time[n] < since;
         context.globalAlpha = old ? 0.14 : Math.max(0.25, 0.95 - age);
         context.fillStyle = old ? colours.quiet : stopColour(stop[n]);
-        const [a, b] = [axes.toX(phase[n]), toY(damper[n])];
+        const [a, b] = [toX(phase[n]), toY(damper[n])];
         this.marks.unshift([a, b, `stop ${stop[n]}`]);
         if (stop[n] === 1) context.fillRect(a - dot, b - dot, 2 * dot, 2 * dot);
         else {
@@ -72,17 +66,17 @@ class ImpactMap extends Axes {
       context.lineWidth = 1.5;
       for (const one of predicted) {
         const place = ((one.phase % 1) + 1) % 1;
-        circle(context, axes.toX(place), toY(one.damper_velocity_after), 6.5);
+        circle(context, toX(place), toY(one.damper_velocity_after), 6.5);
         context.stroke();
       }
       // the last impact
       if (impacts.length) {
         const n = impacts.end - 1;
-        this.dot(axes.toX(phase[n]), toY(damper[n]), stopColour(stop[n]), 4);
+        this.dot(toX(phase[n]), toY(damper[n]), stopColour(stop[n]), 4);
       }
     });
-    if (!impacts.length) this.say('no impact yet', axes.box, 0.75);
-    else if (!Number.isFinite(phase[impacts.end - 1])) this.say('no force: no phase', axes.box, 0.75);
+    if (!impacts.length) this.say('no impact yet', box, 0.75);
+    else if (!Number.isFinite(phase[impacts.end - 1])) this.say('no force: no phase', box, 0.75);
   }
 }
 

@@ -59,16 +59,10 @@ class PhasePortrait extends Axes {
     const fast = largest([...line, ...ghostLine, ...orbit].map(([, speed]) => speed));
     const [left, right] = this.across.fit(1.08 * least, 1.08 * most, now);
     const height = this.up.fit(fast > 0 ? niceAbove(1.05 * fast) : 0, now);
-    const [length, speed] = [lengthUnit(Math.max(-left, right)), velocityUnit(height)];
-    const axes = this.axes({
-      x: [left * length.factor, right * length.factor],
-      y: [-height * speed.factor, height * speed.factor],
-      xName: `Y (${length.unit})`,
-      yName: `Y′ (${speed.unit})`,
+    const { toX, toY, box } = this.axes({
+      x: [left, right], along: ['Y', lengthUnit(Math.max(-left, right))], y: [-height, height], across: ['Y′', velocityUnit(height)],
     });
-    const toX = (value) => axes.toX(value * length.factor);
-    const toY = (value) => axes.toY(value * speed.factor);
-    within(this.context, axes.box, (context) => {
+    within(this.context, box, (context) => {
       const draw = (points, stroke, wide) => {
         context.strokeStyle = stroke;
         context.lineWidth = wide;

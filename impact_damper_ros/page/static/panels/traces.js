@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scrolling traces of X, Z and both stops, with impacts, turned knobs and theory.
 
-import { Axes, circle, colours, dashes, font, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
+import { Axes, circle, colours, dashes, font, plain, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
 import { byId, element, mark, write } from '../dom.js';
 import { digits, lengthUnit, TAU } from '../format.js';
 import { drive } from '../words.js';
@@ -59,12 +59,9 @@ class Traces extends Axes {
     if ((!anew && !this.stale) || !this.begin()) return;
     const [low, high] = this.reach(now);
     this.unit = lengthUnit(Math.max(-low, high));
-    const { factor, unit } = this.unit;
-    const axes = this.axes({ x: this.span(), y: [low * factor, high * factor], xName: 'rig time (s)', yName: unit, xTicks: 12, yTicks: 9 });
-    this.toX = axes.toX;
-    this.toY = (value) => axes.toY(value * factor);
-    this.changes(axes.box);
-    within(this.context, axes.box, () => {
+    const { box } = this.axes({ x: this.span(), along: ['rig time', plain('s')], y: [low, high], across: ['X, Z', this.unit], xTicks: 12, yTicks: 9 });
+    this.changes(box);
+    within(this.context, box, () => {
       const { own: { samples, relative }, other } = this.history;
       for (const [name, stroke, wide] of /** @type {[string, string, number][]} */ ([
         ['stop_1', stopColour(1), 0.8], ['stop_2', stopColour(2), 0.8], ['z', colours.damper, 1.8], ['x', colours.primary, 2.6],
@@ -72,13 +69,13 @@ class Traces extends Axes {
       this.context.globalAlpha = 0.8;
       for (const [name, wide] of /** @type {[string, number][]} */ ([['z', 0.8], ['x', 1.3]])) this.series(other.samples, name, colours.special, wide);
       this.context.globalAlpha = 1;
-      this.impacts(axes.box);
+      this.impacts(box);
       // Theory is of X in the laboratory.
-      if (this.store.showTheory && !relative && this.theory.orbit?.t) this.predicted(axes.box);
-      this.controlled(axes.box);
+      if (this.store.showTheory && !relative && this.theory.orbit?.t) this.predicted(box);
+      this.controlled(box);
       if (this.pointer) {
         Object.assign(this.context, { strokeStyle: colours.steel, lineWidth: 1 });
-        strokeLines(this.context, [[this.pointer[0], axes.box.top], [this.pointer[0], axes.box.top + axes.box.height]]);
+        strokeLines(this.context, [[this.pointer[0], box.top], [this.pointer[0], box.top + box.height]]);
       }
     });
   }
@@ -89,7 +86,7 @@ class Traces extends Axes {
     const points = [];
     let [column, first, least, most] = [NaN, 0, 0, 0];
     for (let n = Math.max(samples.start, samples.after(this.span()[0]) - 1); n < samples.end; n += 1) {
-      const [x, y] = [this.toX(time[n]), this.toY(values[n])];
+      const [x, y] = [this.plan.toX(time[n]), this.plan.toY(values[n])];
       if (!Number.isFinite(y)) continue;
       if (Math.floor(x) !== column) [column, first, least, most] = [Math.floor(x), points.length, y, y];
       else if (points.length - first > 3) {
@@ -116,13 +113,13 @@ class Traces extends Axes {
     // The newest first: it has its text in any case.
     for (const { time, text } of this.history.changes.toReversed()) {
       if (time < from || time > to) continue;
-      const place = this.toX(time);
+      const place = this.plan.toX(time);
       context.setLineDash([4, 3]);
       strokeLines(context, [[place, top - 1.3 * em], [place, top + height]]);
       context.setLineDash([]);
       const wide = context.measureText(text).width;
       // Beside the unit of the axis
-      const begin = Math.max(left + 1.5 * em, Math.min(place + 0.35 * em, left + width - wide));
+      const begin = Math.max(left + 2.5 * em, Math.min(place + 0.35 * em, left + width - wide));
       const row = [top - 0.45 * em, top + 1.1 * em].find((level) => taken.every(([low, high, other]) => other !== level || begin > high || begin + wide < low));
       if (row === undefined) continue;
       taken.push([begin - em, begin + wide + em, row]);
@@ -140,7 +137,7 @@ class Traces extends Axes {
     for (let n = Math.max(first, impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
       if (time[n] > to) continue;
       context.fillStyle = stopColour(stop[n]);
-      const [place, height] = [this.toX(time[n]), this.toY(x[n] + y[n])];
+      const [place, height] = [this.plan.toX(time[n]), this.plan.toY(x[n] + y[n])];
       if (stop[n] === 1) context.fillRect(place - size, height - size, 2 * size, 2 * size);
       else {
         circle(context, place, height, 1.15 * size);
@@ -158,19 +155,19 @@ class Traces extends Axes {
     const dot = (measured.end - first) * 6 < width ? 1.8 : 0.8;
     context.fillStyle = colours.ink;
     for (let n = first; n < measured.end; n += 1) {
-      for (const value of [x[n], z[n]]) context.fillRect(this.toX(time[n]) - dot, this.toY(value) - dot, 2 * dot, 2 * dot);
+      for (const value of [x[n], z[n]]) context.fillRect(this.plan.toX(time[n]) - dot, this.plan.toY(value) - dot, 2 * dot, 2 * dot);
     }
     const shown = Math.max(acts.after(from), acts.end - MOST_DOTS);
     const [at, command, force] = ['time', 'command', 'force'].map((name) => acts.field(name));
     const largest = force.subarray(shown, acts.end).reduce((most, value) => Math.max(most, Math.abs(value) || 0), 0);
     for (let n = shown; n < acts.end; n += 1) {
       if (!command[n]) continue;
-      const place = this.toX(at[n]);
+      const place = this.plan.toX(at[n]);
       // Places in M, which is here by then
       const rest = samples.field('x')[Math.max(samples.after(at[n]) - 1, samples.start)];
       for (const stop of [1, 2]) {
         context.fillStyle = stopColour(stop);
-        const level = this.toY(rest + acts.field(`stop_${stop}`)[n]);
+        const level = this.plan.toY(rest + acts.field(`stop_${stop}`)[n]);
         if (Number.isFinite(level)) context.fillRect(place - 4, level - 1.25, 8, 2.5);
       }
       context.fillStyle = colours.force;
@@ -190,7 +187,7 @@ class Traces extends Axes {
     if (perPeriod < 36) {
       // Too dense to be seen as a line: how far M is predicted to move.
       const most = orbit.x.reduce((far, value) => Math.max(far, Math.abs(value)), 0);
-      for (const value of [most, -most]) lines.push([[this.toX(begin), this.toY(value)], [left + width, this.toY(value)]]);
+      for (const value of [most, -most]) lines.push([[this.plan.toX(begin), this.plan.toY(value)], [left + width, this.plan.toY(value)]]);
     } else {
       const zero = this.theory.zero(history.own.samples, history.end);
       const first = Math.floor((begin - zero - orbit.t[0]) / orbit.period);
@@ -201,7 +198,7 @@ class Traces extends Axes {
         for (let turn = first; zero + orbit.t[0] + turn * orbit.period < to; turn += 1) {
           for (let n = 0; n < orbit.t.length; n += stride) {
             const time = zero + orbit.t[n] + turn * orbit.period;
-            if (time >= begin && time <= to) points.push([this.toX(time), this.toY(values[n])]);
+            if (time >= begin && time <= to) points.push([this.plan.toX(time), this.plan.toY(values[n])]);
           }
         }
         if (points.length) lines.push(points);
