@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // A small canvas for a scientific picture: size, colours of the theme, axes with units.
 
-import { digits, minus, niceAbove, ticks } from './format.js';
+import { element } from './dom.js';
+import { capital, digits, minus, niceAbove, ticks } from './format.js';
+import { term, TERMS } from './glossary.js';
 
 const NAMES = [
   'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
@@ -100,6 +102,18 @@ export class Canvas {
     context.globalAlpha = 1;
     return true;
   }
+}
+
+/**
+ * Append a small panel for a plot: an entry of the glossary as its heading, a line of words, and the canvas with a
+ * description; return the last two.
+ */
+export function plotPanel(root, id, about, label, attributes = {}) {
+  const line = element('p', { class: 'line', id: `${id}-line` });
+  const canvas = element('canvas', { id: `${id}-canvas`, role: 'img', 'aria-label': label, ...attributes });
+  const heading = element('h2', { id: `${id}-title` }, term(about, capital(TERMS[about][0])));
+  root.append(element('section', { class: 'panel small', id, 'aria-labelledby': `${id}-title` }, element('div', { class: 'head' }, heading, line), element('div', { class: 'chart' }, canvas)));
+  return { line, canvas };
 }
 
 /** A range that grows at once and shrinks only if it has been far too large for a while. */

@@ -9,6 +9,9 @@ const PREFIXES = [
 
 export const TAU = 2 * Math.PI;
 
+/** Begin a text with a capital. */
+export const capital = (text) => text[0].toUpperCase() + text.slice(1);
+
 /** Replace the hyphen of a number by a minus sign. */
 export const minus = (text) => text.replace(/-/g, '−');
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A rig, and what is done to it, in a line.
 
-import { digits, lengthUnit, TAU, withUnit } from './format.js';
+import { capital, digits, lengthUnit, TAU, withUnit } from './format.js';
 
 /** Parameters of the node that do not change the rig. */
 const SETTINGS = new Set(['real_time_factor', 'record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
@@ -131,7 +131,7 @@ export function verdictInWords({ level, kind, message, verdict, agreement }, the
   const stability = orbit && `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}${orbit.viable === false ? ', not viable' : ''}`;
   const predicted = orbit ? [stability, orbit.text].filter(Boolean).join('; ') : verdict;
   return {
-    words: irregular ? theory.kind[0].toUpperCase() + theory.kind.slice(1) : words,
+    words: irregular ? capital(theory.kind) : words,
     shade: level === 'error' ? 'error' : shade,
     measured: message ? `Measured: ${message}` : '',
     predicted: predicted ? `Theory: ${predicted}` : '',

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
-import { Axes, circle, colours, dashes, font, plain, strokeLines, within } from '../chart.js';
-import { byId, mark, write } from '../dom.js';
+import { Axes, circle, colours, dashes, font, plain, plotPanel, strokeLines, within } from '../chart.js';
+import { mark, write } from '../dom.js';
 import { digits, lengthUnit, niceAbove, withUnit } from '../format.js';
 import { TERMS } from '../glossary.js';
 
@@ -207,13 +207,16 @@ class GapCurve extends Axes {
 
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
-  const panel = new GapCurve(byId('curve-canvas'), store, (gap) => actions.turn({ gap }));
+  const label = 'Gap on the curve of Xmax over A; keys N and P go to its special points';
+  const range = { tabindex: '0', role: 'slider', 'aria-valuemin': '0', 'aria-valuemax': '1', 'aria-valuenow': '0' };
+  const { canvas, line } = plotPanel(root, 'curve', 'gap-curve', label, range);
+  const panel = new GapCurve(canvas, store, (gap) => actions.turn({ gap }));
   store.on('numbers values', () => panel.place(store.values.gap ?? store.numbers.gap, store.numbers.x_max_ratio ?? NaN));
   store.on('theory', () => {
     const { gap, bound } = store.theory.best;
     const text = gap > 0 ? `best gap ${bound && `${bound} `}${withUnit(gap, 'm')}` : '';
-    write(byId('curve-line'), text);
-    mark(byId('curve-line'), 'title', text);
+    write(line, text);
+    mark(line, 'title', text);
   });
   store.on('change preset', () => { panel.stale = true; });
   return panel;

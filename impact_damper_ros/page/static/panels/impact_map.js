@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Impact map: velocity of m after each impact over the phase of the force.
 
-import { Axes, circle, colours, plain, SteadyRange, stopColour, within } from '../chart.js';
-import { byId, mark, write } from '../dom.js';
+import { Axes, circle, colours, plain, plotPanel, SteadyRange, stopColour, within } from '../chart.js';
+import { mark, write } from '../dom.js';
 import { niceAbove, velocityUnit } from '../format.js';
 
 const MOST_DOTS = 1500;
@@ -82,12 +82,13 @@ class ImpactMap extends Axes {
 
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store) => {
-  const panel = new ImpactMap(byId('map-canvas'), store);
+  const { canvas, line } = plotPanel(root, 'map', 'impact-map', 'Impact map: velocity of m after each impact over the phase of the force');
+  const panel = new ImpactMap(canvas, store);
   store.on('theory', () => {
     const { title } = store.theory;
-    write(byId('map-line'), title);
+    write(line, title);
     // Where it is too long for its panel
-    mark(byId('map-line'), 'title', title);
+    mark(line, 'title', title);
   });
   return panel;
 };

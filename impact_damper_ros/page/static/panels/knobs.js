@@ -2,7 +2,7 @@
 // Knobs made from the descriptors of the parameters: degrees and hertz for people, SI for the rig.
 
 import { all, byId, element, mark, reducedMotion, write } from '../dom.js';
-import { digits, typed, withUnit } from '../format.js';
+import { capital, digits, typed, withUnit } from '../format.js';
 import { term } from '../glossary.js';
 import { readTyped, SliderScale } from '../slider.js';
 
@@ -12,10 +12,6 @@ const GROUPS = [
   ['control', 'Gap control'],
   ['run', 'Run'],
 ];
-const worded = (name) => {
-  const text = name.replace(/_/g, ' ');
-  return text[0].toUpperCase() + text.slice(1);
-};
 
 /** One knob: a label, a number, and for the first ones a slider. */
 class Knob {
@@ -297,7 +293,7 @@ export class Knobs {
       if (!members.length) continue;
       const group = element('fieldset', { class: 'group' }, element('legend', { text: title }));
       for (const descriptor of members) {
-        const knob = new Knob(descriptor, this, { title: worded(descriptor.name) });
+        const knob = new Knob(descriptor, this, { title: capital(descriptor.name.replace(/_/g, ' ')) });
         this.knobs.push(knob);
         group.append(knob.place);
       }

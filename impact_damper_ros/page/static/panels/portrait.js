@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Phase portrait of m in the gap.
 
-import { Axes, colours, dashes, SteadyRange, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
-import { byId } from '../dom.js';
+import { Axes, colours, dashes, plotPanel, SteadyRange, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
+import { write } from '../dom.js';
 import { lengthUnit, niceAbove, TAU, velocityUnit } from '../format.js';
 import { drive } from '../words.js';
 
@@ -91,7 +91,9 @@ class PhasePortrait extends Axes {
 
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store) => {
-  const panel = new PhasePortrait(byId('portrait-canvas'), store);
+  const { canvas, line } = plotPanel(root, 'portrait', 'phase-portrait', 'Phase portrait of m in the gap: velocity over position relative to M');
+  write(line, 'm in the gap');
+  const panel = new PhasePortrait(canvas, store);
   store.on('values', () => {
     const frequency = drive(store.values).frequency / TAU;
     panel.seconds = frequency > 0 ? Math.min(40, 8 / frequency) : 10;
