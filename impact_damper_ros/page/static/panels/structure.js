@@ -27,7 +27,7 @@ class Structure {
   constructor(ask, set) {
     this.ask = ask;
     this.set = set;
-    this.looking = /** @type {Promise<import('../protocol.js').Answer> | null} */ (null);
+    this.looking = /** @type {Promise<import('../messages.js').Answer> | null} */ (null);
     this.inputs = {};
     const form = byId('structure-form');
     const field = ([name, label, start, unit, help]) => {
