@@ -30,6 +30,7 @@ import chromium  # noqa: E402
 from in_browser.build import build  # noqa: E402
 from page.browser import Browser  # noqa: E402
 from page.compared_rigs import COMPARE, disagreements, preset_cases, random_cases  # noqa: E402
+from page.javascript import JavaScript  # noqa: E402
 
 #: Largest size of what a browser loads, B, longest time until the rig moves, s, and longest one
 #: from a value to the curve over the gap, ms.
@@ -66,6 +67,24 @@ CURVES = """async ([name, values]) => {
   }
   return times;
 }"""
+#: The same in Node without a page: milliseconds of the processor alone.
+ANSWERS = """([name, values]) => {
+  const { Rig, presets, theoryOf } = impactDamperRig;
+  const { rig, initial } = presets.bench;
+  let before = null;
+  return values.map((value) => {
+    const parameters = rig.replace({ [name]: value });
+    const { _run: run, _waves: waves } = new Rig(parameters, initial);
+    const angles = waves.map(({ angle }) => angle);
+    const begun = process.cpuUsage();
+    for (const answer of theoryOf({ parameters, control: 'off', run, angles, before })) {
+      if (!answer?.gap_curve) continue;
+      before = answer.expected;
+      break;
+    }
+    return process.cpuUsage(begun).user / 1000;
+  });
+}"""
 #: What is turned, from and to which value, of the preset of the first page.
 TURNED = {
     'gap': (0.015, 0.05),
@@ -88,6 +107,21 @@ def curves(browser: Any, address: str, count: int = 60) -> dict[str, Any]:
     return {
         'median, ms': {name: median(times) for name, times in taken.items()},
         '95 %, ms': {name: times[int(0.95 * count)] for name, times in taken.items()},
+        '95 % of all, ms': every[int(0.95 * len(every))],
+    }
+
+
+def answers(script: Path, count: int = 60) -> dict[str, Any]:
+    """Return what the curve over the gap takes of the processor."""
+    console = JavaScript(script)
+    taken = {}
+    for name, (low, high) in TURNED.items():
+        values = [low + (high - low) * k / (count - 1) for k in range(count)]
+        taken[name] = sorted(console.evaluate(ANSWERS, [name, values]))
+    console.close()
+    every = sorted(time_ for times in taken.values() for time_ in times)
+    return {
+        'median, ms': {name: median(times) for name, times in taken.items()},
         '95 % of all, ms': every[int(0.95 * len(every))],
     }
 
@@ -146,6 +180,7 @@ def main() -> int:
             'size, gzipped, B': {**sizes, 'all': sum(sizes.values())},
             'first motion': first_motion(browser, address),
             'curve over the gap': curves(browser, address),
+            'curve over the gap, processor': answers(place / 'rig.js'),
             'rig seconds per second': {name: round(value) for name, value in speed.items()},
         }
     browser.close()
