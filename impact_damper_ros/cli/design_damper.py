@@ -199,6 +199,13 @@ def _parser() -> argparse.ArgumentParser:
         f'[{_RESTITUTION}]',
     )
     damper.add_argument(
+        '--restitution-speed',
+        type=_value('restitution_speed'),
+        metavar='V',
+        help='speed from which restitution falls with that of an impact, R (1 + v/V)^-p [R is '
+        'constant]',
+    )
+    damper.add_argument(
         '--friction',
         type=_range('friction'),
         metavar='GAMMA',
@@ -264,8 +271,9 @@ def _rig(arguments: argparse.Namespace) -> tuple[RigParameters, _Ranges]:
     if arguments.friction is not None:
         values['friction'] = 0.5 * sum(arguments.friction)
         ranges['friction'] = arguments.friction
-    if arguments.angle is not None:
-        values['angle'] = arguments.angle
+    for name in ('angle', 'restitution_speed'):
+        if getattr(arguments, name) is not None:
+            values[name] = getattr(arguments, name)
     if 'damper_mass' not in values:
         values['mass_ratio'] = _ANY_MASS_RATIO
     rig = _shaken(arguments, values)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.orbits.arguments import OrbitError
 from impact_damper_ros.orbits.branch import Branch, Span
 from impact_damper_ros.orbits.continuation import follow
@@ -41,6 +42,8 @@ _SAME, _WORTH = 5e-3, 0.02
 #: each; and the level at which m is still hit.
 _GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN = 128, 3, 8, 0.95
 _POINTS, _STEP = 60, 0.15
+#: How often R is taken at the speed that it leads to.
+_TURNS = 50
 #: Significant digits of a gap that can be built.
 _DIGITS = 4
 #: How far frequency and level are followed, as factors; the frequency first next to its value.
@@ -171,18 +174,27 @@ def optimal_gap(rig: RigParameters) -> float:
     zeta + zeta_e, zeta_e = (2/pi)(mu/(1 + mu))(1 + R)/(1 - R): at resonance
     X/A = zeta/(zeta + zeta_e).
     """
-    away, width, bounce = _resonance(rig)
+    away, width, gain = _resonance(rig)
     x = abs(rig.first_harmonic[0]) / rig.stiffness / math.hypot(away, width)
-    return math.pi * x * bounce / (1.0 + rig.mass_ratio)
+    return math.pi * x * gain / (1.0 + rig.mass_ratio)
 
 
 def _resonance(rig: RigParameters) -> tuple[float, float, float]:
-    """Return 1 - r^2, 2 r (zeta + zeta_e) and (1 + R)/(1 - R), see `optimal_gap`."""
-    mean = min(0.5 * (rig.restitution_1 + rig.restitution_2), 0.999)
-    bounce, mu = (1.0 + mean) / (1.0 - mean), rig.mass_ratio
-    equivalent = 2.0 / math.pi * mu / (1.0 + mu) * bounce
-    r = rig.frequency_ratio
-    return 1.0 - r * r, 2.0 * r * (rig.zeta + equivalent), bounce
+    """
+    Return 1 - r^2, 2 r (zeta + zeta_e) and (1 + R)/(1 - R), see `optimal_gap`.
+
+    R is that of the approach speed 2 Omega X/(1 - R).
+    """
+    mu, r = rig.mass_ratio, rig.frequency_ratio
+    slow = min(0.5 * (rig.restitution_1 + rig.restitution_2), 0.999)
+    mean, away, width, gain = slow, 1.0 - r * r, 0.0, 1.0
+    for _ in range(_TURNS if rig.restitution_slowness else 1):
+        gain = (1.0 + mean) / (1.0 - mean)
+        width = 2.0 * r * (rig.zeta + 2.0 / math.pi * mu / (1.0 + mu) * gain)
+        x = abs(rig.first_harmonic[0]) / rig.stiffness / math.hypot(away, width)
+        restitution, _ = bounce(rig, slow, 2.0 * rig.first_harmonic[1] * x / (1.0 - mean))
+        mean = 0.5 * (mean + restitution)
+    return away, width, gain
 
 
 def rounded(gap: float) -> float:

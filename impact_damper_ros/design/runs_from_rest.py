@@ -92,6 +92,7 @@ def _similar(rig: RigParameters, cases: Cases) -> tuple[dict[str, npt.ArrayLike]
         'gap': lengths,
         'gravity': weights,
         'air_force': weights,
+        'restitution_speed': lengths * ratio,
         'stiffness': ratio**2,
         'damping': ratio,
     }

@@ -155,7 +155,7 @@ def test_levels_scale_the_motion():
     'values',
     [
         {},
-        {'base_quantity': 'velocity', 'base_amplitudes': 0.03},
+        {'base_quantity': 'velocity', 'base_amplitudes': 0.03, 'restitution_speed': 0.3},
         {'base_quantity': 'displacement', 'base_amplitudes': 5e-4},
         {'base_amplitudes': 0.0, 'force_amplitudes': 10.0, 'force_frequencies': '10 Hz'},
     ],
@@ -256,9 +256,11 @@ def test_friction_is_at_its_ends():
     assert worst.chosen.case['friction'] == [0.01, 0.05][int(np.argmax(sizes))]
 
 
-def test_the_gap_of_theory_is_near():
+@pytest.mark.parametrize('speed', [0.0, 0.1])
+def test_the_gap_of_theory_is_near(speed):
+    """As well with the restitution at the speed of the impacts."""
     for mass_ratio in (0.05, 0.1):
-        design = best(mass_ratio=mass_ratio, damping_ratio=0.005)
+        design = best(mass_ratio=mass_ratio, damping_ratio=0.005, restitution_speed=speed)
         assert optimal_gap(design.rig) == pytest.approx(design.rig.gap, rel=0.1)
 
 

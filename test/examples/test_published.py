@@ -16,6 +16,7 @@ sys.path.append(str(EXAMPLES / 'published'))
 
 import bouncing_ball  # noqa: E402
 import chain_sector  # noqa: E402
+import ice  # noqa: E402
 import invariant_manifold  # noqa: E402
 import measured_bounces  # noqa: E402
 import rebounds  # noqa: E402
@@ -85,18 +86,26 @@ def bounces(count, law, speed=2.5, deviation=0.0, seed=0):
     return np.array(times) + np.random.default_rng(seed).normal(0.0, deviation, count)
 
 
+def falling(v):
+    """Return R (1 + v/v_c)^-p of a ping-pong ball."""
+    return 0.94 * (1.0 + v / 6.0) ** -0.25
+
+
 def test_measured_restitution_of_a_ping_pong_ball_falls_with_its_speed():
-    """Without noise exactly; with 0.1 ms the intervals hold."""
-    true = measured_bounces.fit_rebounds(bounces(12, lambda v: 0.92 - 0.03 * v))
-    assert true.slope.value == pytest.approx(-0.03, abs=1e-9)
-    assert true.restitution.value == pytest.approx(0.92 - 0.03 * true.mean_speed, abs=1e-9)
+    """Without noise exactly; with 0.1 ms the intervals hold. A constant R is distinguished."""
+    true = measured_bounces.fit_rebounds(bounces(12, falling))
+    assert true.slowness.value == pytest.approx(1.0 / 6.0, abs=1e-8)
+    assert true.restitution.value == pytest.approx(0.94, abs=1e-8)
     held = 0
     for seed in range(40):
-        times = bounces(12, lambda v: 0.92 - 0.03 * v, 2.5, 1e-4, seed)
-        low, high = measured_bounces.fit_rebounds(times).slope.interval
-        held += low < -0.03 < high
+        found = measured_bounces.fit_rebounds(bounces(12, falling, 2.5, 1e-4, seed))
+        low, high = found.slowness.interval
+        held += low < 1.0 / 6.0 < high
+        assert low > 0.0
     # 38 of 40 are expected
     assert held >= 33
+    constant = measured_bounces.fit_rebounds(bounces(12, lambda _: 0.85, 2.5, 1e-4, 1))
+    assert constant.slowness.interval[0] < 0.0 < constant.slowness.interval[1]
     times = bounces(10, lambda _: 0.7)
     for wrong, reason in (
         (np.delete(times, 4), 'is missing'),
@@ -105,6 +114,15 @@ def test_measured_restitution_of_a_ping_pong_ball_falls_with_its_speed():
     ):
         with pytest.raises(ValueError, match=reason):
             measured_bounces.fit_rebounds(wrong)
+
+
+def test_ice_is_as_elastic_as_it_was_measured():
+    for exponent, v_c in ((0.25, 1.09e-4), (0.234, 9.0e-5)):
+        rig, apart = ice.fitted(exponent)
+        assert rig.restitution_1 == pytest.approx(1.0, abs=1e-6)
+        assert rig.restitution_speed == pytest.approx(v_c, rel=5e-3)
+        assert apart < 0.062
+    assert ice.measured(np.array([0.01])) == pytest.approx(0.32)
 
 
 def test_ring_down_of_a_vertical_rig():
