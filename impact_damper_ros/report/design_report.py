@@ -23,6 +23,7 @@ from impact_damper_ros.design.worst_case import WorstCase, WorstCases
 from impact_damper_ros.orbits.branch import Span
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.plain import as_plain
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .csv_tables import row
@@ -105,6 +106,12 @@ def _from_rest_words(design: Design) -> list[str]:
     return texts
 
 
+def _fall(rig: RigParameters) -> str:
+    """Return from which speed restitution falls, if it does."""
+    speed = rig.restitution_speed
+    return f', which falls with the speed from {quantity(speed, "m/s", 3)}' if speed else ''
+
+
 def design_text(design: Design, unsure: WorstCases, compared: Comparison) -> str:
     """Return what there is to say of the chosen design."""
     half = quantity(design.gap, 'm', 4)
@@ -117,7 +124,7 @@ def design_text(design: Design, unsure: WorstCases, compared: Comparison) -> str
     ]
     lines = [
         f'Chosen: {percent(design.mass_ratio)} of the mass, {_mass(design)}, for R = '
-        f'{design.rig.restitution_1:.4g}.',
+        f'{design.rig.restitution_1:.4g}{_fall(design.rig)}.',
         *map(_indent, texts),
         'Once m hits both stops in each cycle, with the best gap, that motion lasts for',
         f'  gaps {_span_words(design.gap_range, "mm", 1e3)},',
