@@ -209,7 +209,7 @@ class RunReader:
             )
         for file in self.files:
             what = 'the bag' if len(self.files) == 1 else file.path.name
-            found += [f'{what} is not whole: {text}' for text in file.faults()]
+            found += [f'{what} is not complete: {text}' for text in file.faults()]
         names = {name for name, _ in self.topics}
         if self.own and self.complete:
             noted = {text for key, text in self.custom.items() if key != 'node'}

@@ -425,7 +425,7 @@ class RunComparison:
 
     @property
     def exit_code(self) -> int:
-        """0: nothing differs; 1: log or theory does; 3: neither, but the bag is not whole."""
+        """0: nothing differs; 1: log or theory does; 3: neither, but the bag is not complete."""
         if self.log.differences or any(s.verdict is Verdict.DIFFERS for s in self.stretches):
             return 1
         return 3 if self.faults else 0

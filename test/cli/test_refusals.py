@@ -24,7 +24,7 @@ GIVEN = {
 FIGURE = 'give a name that ends in .png, .svg or .pdf'
 REFUSALS = {
     'compare_run': [
-        ('--json no_bag', 'is, or is in, what is read'),
+        ('--json no_bag', 'is an input, or lies in one'),
         ('--score --json - --markdown -', 'two outputs go to the standard output'),
         ('--report=', 'the name is empty: give that of a file or directory'),
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
@@ -39,7 +39,7 @@ REFUSALS = {
         ('free.csv --structure --saturation 16', 'acceleration with its unit, such as 10mm'),
         ('free.csv --structure --column y', "no column 'y' for the motion among"),
         ('free.csv --rig rig.yaml --also mass', "invalid choice: 'mass'"),
-        ('start.csv --structure --json start.csv', 'is, or is in, what is read'),
+        ('start.csv --structure --json start.csv', 'is an input, or lies in one'),
     ],
     'replay_run': [
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),

@@ -147,7 +147,7 @@ def test_too_short_for_an_average(table, tmp_path, capsys):
     assert 'give --base-psd, or leave it out' in capsys.readouterr().err
     record = ('--force-record', CONFIG / 'force_record.csv')
     assert simulate(*record, '--transmissibility', tmp_path / 't.csv') == 2
-    assert 'leave it out, or the records' in capsys.readouterr().err
+    assert 'without records or a sweep: leave it out' in capsys.readouterr().err
     assert not list(tmp_path.glob('[ft].*'))
 
 

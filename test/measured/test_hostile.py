@@ -184,10 +184,10 @@ def test_what_is_no_plain_file_is_not_opened(tmp_path, read):
     (tmp_path / 'zero.csv').symlink_to('/dev/zero')
     (tmp_path / 'pipe.wav').symlink_to('pipe.csv')
     for name, problem in (
-        ('pipe.csv', 'no plain file'),
-        ('pipe.wav', 'no plain file'),
-        ('zero.csv', 'no plain file'),
-        ('', 'no plain file'),
+        ('pipe.csv', 'not a regular file'),
+        ('pipe.wav', 'not a regular file'),
+        ('zero.csv', 'not a regular file'),
+        ('', 'not a regular file'),
         ('loop.csv', 'cannot be read'),
         ('none.csv', 'cannot be read'),
         ('null\0.csv', 'cannot be read'),

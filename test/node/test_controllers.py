@@ -351,7 +351,7 @@ def test_lock_step(start):
     out.publish(stops(0.01, -0.01, stamp_s=777))
     rig.await_report('controller', holds=lambda r: ' 777.0' in r.values['Last refusal'])
     rig.change(lock_step_timeout=0.01)
-    rig.until(lambda: len(seen) > 60 and 'goes on without' in rig.process.output)
+    rig.until(lambda: len(seen) > 60 and 'continues without it' in rig.process.output)
     assert (
         f' s but 1 that was refused ({rig.space}/stop_commands: its stamp is 777.000000000 s, and '
         'lock-step takes only that of the last measurement, 0.800000000 s): the rig in'

@@ -174,7 +174,7 @@ def test_recording(recording, level, words):
         (ControllerStatus(accepted=9, age_ns=5_000_000), OK, 'carried out'),
         (ControllerStatus(refused=2, reason='it is late'), WARN, '2 commands refused: it is late'),
         (ControllerStatus(age_ns=2_500_000_000, parked=True), WARN, 'no command for 2.5'),
-        (ControllerStatus(missed=1), WARN, 'the rig goes on without'),
+        (ControllerStatus(missed=1), WARN, 'the rig continues without it'),
     ],
 )
 def test_controller(controller, level, words):

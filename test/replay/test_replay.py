@@ -568,7 +568,7 @@ def test_a_stepped_sine_is_replayed_bit_for_bit(tmp_path, level):
 
 def test_a_what_if_is_recorded_beside_what_is_read(tmp_path, capsys):
     bag = RecordedRig().start().run(20).save(tmp_path / 'bag')
-    for name, words in ((bag, 'what is read'), (bag / 'more', 'what is read')):
+    for name, words in ((bag, 'is an input'), (bag / 'more', 'is an input')):
         assert replay_run([str(bag), '--set', 'gap=0.02', '--bag', str(name)]) == 2
         assert words in capsys.readouterr().err
     other = ['--set', 'gap=0.02', '--bag', str(tmp_path / 'other')]
