@@ -257,7 +257,8 @@ def main() -> int:
     if 'MUTANTS' not in os.environ:
         with tempfile.TemporaryDirectory(prefix='mutants_') as folder:
             for name in FOLDERS:
-                left_out = shutil.ignore_patterns('_build', '__pycache__')
+                # With compiled kernels
+                left_out = shutil.ignore_patterns('_build')
                 shutil.copytree(ROOT / name, Path(folder, name), ignore=left_out)
             for path in filter(Path.is_file, ROOT.iterdir()):
                 shutil.copy(path, folder)
