@@ -459,8 +459,12 @@ def compile_elsewhere() -> None:
 
 
 def _kept(loop: Any, kinds: tuple[Any, ...]) -> bool:
-    """Return whether a kernel is kept for arguments of these types."""
-    index = loop._cache._cache_file._load_index()
+    """Return whether a kernel is kept for arguments of these types, well or damaged."""
+    try:
+        index = loop._cache._cache_file._load_index()
+    except Exception:
+        # Whatever pickle raises
+        return True
     return loop._cache._index_key(kinds, loop.targetctx.codegen()) in index
 
 

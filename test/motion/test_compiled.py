@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import textwrap
+import threading
 from itertools import combinations
 from pathlib import Path
 
@@ -139,14 +140,24 @@ def test_what_runs_on_without_a_compiler_says_so(installed, words, monkeypatch, 
         assert caplog.records[0].message.startswith(f'{words}: long runs take')
 
 
-def test_compiling_and_damage_are_reported_and_loading_is_not(caplog, monkeypatch, tmp_path):
+@pytest.mark.parametrize('elsewhere', [False, True], ids=['here', 'elsewhere'])
+def test_compiling_and_damage_are_reported_and_loading_is_not(
+    elsewhere, caplog, monkeypatch, tmp_path
+):
+    """Elsewhere, a process compiles what this one then loads; what is damaged, this one does."""
     pytest.importorskip('numba')
+    monkeypatch.setattr(compiled, '_ELSEWHERE', threading.Event())
+    if elsewhere:
+        compiled.compile_elsewhere()
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
     stamp, arguments = compiled.stamp.__wrapped__(), (1.0, 2.0, 0.0, 0.5)
     assert stamp.is_relative_to(tmp_path)
     monkeypatch.setattr(compiled, 'stamp', lambda: stamp)
-    monkeypatch.setattr(compiled, '_dispatcher', compiled._dispatcher.__wrapped__)
+    loops, dispatcher = [], compiled._dispatcher.__wrapped__
+    monkeypatch.setattr(
+        compiled, '_dispatcher', lambda name: loops.append(dispatcher(name)) or loops[-1]
+    )
     damaged = [f'the compiled code kept beside {stamp} is damaged', 'compiling the simulator']
     for suffix, damage, notices in (
         ('', None, ['compiling the simulator']),
@@ -164,6 +175,8 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(caplog, monkeypatc
         said = [record.message for record in caplog.records]
         assert len(said) == len(notices)
         assert all(map(str.startswith, said, notices))
+        loaded = not notices or (elsewhere and notices is not damaged)
+        assert sum(loops[-1].stats.cache_hits.values()) == loaded
         caplog.clear()
 
 

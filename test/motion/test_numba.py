@@ -47,6 +47,9 @@ def test_attributes_of_what_is_compiled():
     function.compile(kinds)
     assert function.get_overload(kinds)(1.0) == 2.0
     assert callable(function._cache.flush)
+    kept = numba.core.caching.Cache
+    assert [*inspect.signature(kept._index_key).parameters] == ['self', 'sig', 'codegen']
+    assert callable(numba.core.caching.IndexDataCacheFile._load_index)
     # That of a law of the user's own, in control/own_law.py
     assert CompileResultWAP(function.get_compile_result(numba.types.float64(*kinds)))
     assert event.Event('numba:compile', event.EventStatus.START).kind == 'numba:compile'
