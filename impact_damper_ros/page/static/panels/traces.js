@@ -82,25 +82,33 @@ class Traces extends Axes {
 
   /** Samples in the window as a line, from the one before it on; of many in a column of pixels first, least, largest and last. */
   series(samples, name, strokeStyle, lineWidth) {
+    const { context, plan: { toX, toY } } = this;
     const [time, values] = ['time', name].map((one) => samples.field(one));
-    const points = [];
-    let [column, first, least, most] = [NaN, 0, 0, 0];
+    const [left, middle] = [toX(0), toY(0)];
+    const [across, up] = [toX(1) - left, toY(1) - middle];
+    let [column, x, y, least, most] = [NaN, 0, 0, 0, 0];
+    const finish = () => {
+      if (least < most) for (const level of [least, most, y]) context.lineTo(x, level);
+    };
+    Object.assign(context, { strokeStyle, lineWidth });
+    context.beginPath();
     for (let n = Math.max(samples.start, samples.after(this.span()[0]) - 1); n < samples.end; n += 1) {
-      const [x, y] = [this.plan.toX(time[n]), this.plan.toY(values[n])];
-      if (!Number.isFinite(y)) continue;
-      if (Math.floor(x) !== column) [column, first, least, most] = [Math.floor(x), points.length, y, y];
-      else if (points.length - first > 3) {
-        [least, most] = [Math.min(least, y), Math.max(most, y)];
-        points[first + 1][1] = least;
-        points[first + 2][1] = most;
-        points[first + 3] = [x, y];
-        continue;
-      }
-      points.push([x, y]);
-      [least, most] = [Math.min(least, y), Math.max(most, y)];
+      const there = middle + up * values[n];
+      if (Number.isNaN(there)) continue;
+      const place = left + across * time[n];
+      if (Math.floor(place) !== column) {
+        finish();
+        context.lineTo(place, there);
+        column = Math.floor(place);
+        least = there;
+        most = there;
+      } else if (there < least) least = there;
+      else if (there > most) most = there;
+      x = place;
+      y = there;
     }
-    Object.assign(this.context, { strokeStyle, lineWidth });
-    if (points.length) strokeLines(this.context, points);
+    finish();
+    context.stroke();
   }
 
   /** Knobs turned, as labelled lines. */
