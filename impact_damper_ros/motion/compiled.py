@@ -26,6 +26,7 @@ import sys
 import threading
 import types
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -38,6 +39,7 @@ from typing import Any, TypeVar, get_type_hints, overload
 import numpy as np
 
 F = TypeVar('F', bound=Callable[..., Any])
+T = TypeVar('T')
 
 #: The first release that compiles the kernels, and the first that was not tried, as in setup.py:
 #: private parts of numba that are used below may be others there (`test/motion/test_numba.py`).
@@ -533,3 +535,21 @@ def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
         with np.errstate(all='ignore'):
             return function(*arguments)
     return compiled(function.__name__, arguments, what)(*arguments)
+
+
+def on_threads(run: Callable[[T], object], parts: Sequence[T], threads: int | None = None) -> None:
+    """Let kernels work on parts of something, the first one alone, since it may compile them."""
+    for part in parts[:1]:
+        run(part)
+    count = min(threads or len(os.sched_getaffinity(0)), len(parts) - 1)
+    if count < 2:
+        for part in parts[1:]:
+            run(part)
+        return
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            for done in [pool.submit(run, part) for part in parts[1:]]:
+                done.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise

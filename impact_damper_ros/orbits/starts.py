@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from impact_damper_ros.motion.compiled import on_threads
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arclength import FIND_STARTS, LINEAR_SYSTEM
@@ -185,6 +186,8 @@ def _starts_of(equations: ImpactEquations) -> Array:
 _CLOSE = 1e-6
 #: Starts that are computed at once, times the cube of the unknowns: not too long for Ctrl-C.
 _MOST_AT_ONCE = 2_000_000
+#: Least number of parts for threads.
+_PARTS = 8
 
 
 def _instants(equations: ImpactEquations, numbers: range) -> Array:
@@ -216,14 +219,19 @@ def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Sol
     if not starts:
         return [], 0
     size = len(equations.problem.place) - 1
-    rigs = _with_constant_restitution(equations)
-    at_once = min(max(1, _MOST_AT_ONCE // size**3), math.ceil(starts / len(rigs)))
     rows = np.zeros((starts, size + 1))
-    for turn, first in enumerate(range(0, starts, at_once)):
-        part = rows[first : first + at_once]
-        instants = _instants(equations, range(first, first + len(part)))
-        part[:, 3:-1:4] = equations.frequency * instants
-        rigs[turn % len(rigs)].problem.compute(FIND_STARTS, True, 0.0, 0.0, part)
+    rows[:, 3:-1:4] = equations.frequency * _instants(equations, range(starts))
+    rigs = _with_constant_restitution(equations)
+    share = min(max(1, _MOST_AT_ONCE // size**3), math.ceil(starts / len(rigs)))
+    at_once = min(share, math.ceil(starts / _PARTS))
+
+    def approach(first: int) -> None:
+        like = rigs[first // share % len(rigs)]
+        # A thread has a problem of its own
+        own = ImpactEquations(like.parameters, like.stops, like.cycles)
+        own.problem.compute(FIND_STARTS, True, 0.0, 0.0, rows[first : first + at_once])
+
+    on_threads(approach, range(0, starts, at_once))
     unknowns, residuals = rows[:, :size], rows[:, size]
     # One of each group of starts that came to the same place is polished
     keys: dict[tuple[int, ...], int] = {}

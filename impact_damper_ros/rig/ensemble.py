@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -22,7 +20,7 @@ from impact_damper_ros.control.state import (
     Refusal,
     settings_fields,
 )
-from impact_damper_ros.motion.compiled import dtype_of, packed, rows_of
+from impact_damper_ros.motion.compiled import dtype_of, on_threads, packed, rows_of
 from impact_damper_ros.motion.event import SAMPLE_TYPE, EventRow, Sample
 from impact_damper_ros.motion.next_event import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
 from impact_damper_ros.motion.oscillator import oscillators
@@ -381,20 +379,7 @@ def _run_all(
             anew=True,
         )
 
-    blocks = range(0, len(runs), _BLOCK)
-    run_block(0)
-    workers = min(threads or len(os.sched_getaffinity(0)), len(blocks))
-    if workers == 1:
-        for first in blocks[1:]:
-            run_block(first)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            try:
-                for done in [pool.submit(run_block, first) for first in blocks[1:]]:
-                    done.result()
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+    on_threads(run_block, range(0, len(runs), _BLOCK), threads)
     energies = np.zeros((len(runs), 2))
     if controls is not None:
         actuators: Any = controls.actuators
