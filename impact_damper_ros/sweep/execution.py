@@ -42,7 +42,7 @@ from impact_damper_ros.rig.snapshot import Snapshot
 
 from .grid import Grid, RigSetup, Varied
 from .part_file import PartFile, State, other_inputs, part_path
-from .steady_state import Row, steady_state
+from .steady_state import Row, Settling, steady_state
 from .table import (
     MetadataError,
     check_format,
@@ -183,9 +183,13 @@ def _begin_worker() -> None:
 
 
 @contextmanager
-def _workers(setup: RigSetup, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
+def _workers(grid: Grid, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
     """Yield an executor of this machine, whose work an exception ends, and what runs a task."""
+    setup = grid.setup
     if has_numba() and (not setup.law or OwnLaw.from_text(setup.law).compiles):
+        # Ctrl-C ends what is compiled here, but not in a thread
+        brief = setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
+        rig_row(brief, grid.settings(grid.values(0)))
         halted = threading.Event()
         with ThreadPoolExecutor(jobs) as threads:
             try:
@@ -378,7 +382,7 @@ def sweep(
         if executor is not None or jobs == 1:
             _run(grid, part, executor, progress)
         else:
-            with _workers(grid.setup, jobs) as (workers, run):
+            with _workers(grid, jobs) as (workers, run):
                 _run(grid, part, workers, progress, run)
         table = table_of(grid, (part.rows[k] for k in range(grid.size)))
         if path is not None:
