@@ -175,7 +175,7 @@ def test_a_motion_that_settles_while_it_is_watched_is_periodic(tmp_path):
 def test_a_force_too_slow_to_be_run_is_a_row(tmp_path, capsys):
     words = ('--vary', 'force_frequencies=1e-12,1', '--cycles', 60, '--watch', 21)
     assert run(*words, '--jobs', 1, '-o', tmp_path / 'a.csv') == 0
-    assert 'motion so slow is no vibration' in capsys.readouterr().err
+    assert 'such a slow motion is no vibration' in capsys.readouterr().err
 
 
 def test_every_rig_failed(tmp_path, capsys):
