@@ -19,6 +19,7 @@ before. Rigs that have fewer than 100 impacts in a minute are left out, before a
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -27,6 +28,9 @@ from pathlib import Path
 from statistics import median
 from time import process_time
 from typing import Any, NamedTuple
+
+# Threads of BLAS that wait for each other would count as time of the fit
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
 from timing import options, say, table, write_results

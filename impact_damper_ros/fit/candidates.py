@@ -18,7 +18,7 @@ import numpy as np
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .first_course import COARSE, scanned
+from .first_course import scanned, thinned
 from .gauss_newton import Solution, System
 from .partition import Record, fit_vibration, free_vibrations
 from .shooting import Shooting
@@ -46,9 +46,12 @@ _MISREADINGS = {
 #: Phases of the force that are tried, and the sentence that says so.
 _PHASES = 16
 OTHER_PHASE = 'the force comes at another time than described, which --also force_delay fits'
-#: Residuals, in those of the noise, of a record that is one vibration, and how near to the
-#: frequency of M + m one must be, relative, so that m moves with M.
-_ONE_VIBRATION, _STUCK = 1.5, 0.2
+#: They are compared at so many samples in a natural period, at a few or more stiffnesses, if the
+#: cost of a sample is not low anyhow.
+_SAMPLES, _FEW, _MORE = 20, np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 5)
+_ONE, _DEAR = np.ones(1), 4.0
+#: Residuals, in those of the noise, of a record that is one vibration.
+_ONE_VIBRATION = 1.5
 
 
 #: Part of the cost that another reading must save where a fit has failed, the part that another
@@ -301,14 +304,17 @@ def _varied(
 
 def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     """Return the unit with which the motion is made of far fewer vibrations, or ''."""
-    factors = {
-        sentence: factor
+    fewer = thinned(record, rig, _SAMPLES)
+    as_it_is = _cost(fewer, rig, deviation, _FEW)
+    if as_it_is < _DEAR * len(fewer.time):
+        return ''
+    costs = {
+        sentence: _cost(fewer, _driven(rig, factor), deviation, _FEW)
         for factor, sentence in _MISREADINGS.items()
         if abs(math.log(abs(factor))) > math.log(_LARGE)
     }
-    costs = {sentence: _cost(record, rig, deviation, of) for sentence, of in factors.items()}
     best = min(costs, key=costs.__getitem__)
-    return best if costs[best] < _CLEARLY * _cost(record, rig, deviation) else ''
+    return best if costs[best] < _CLEARLY * as_it_is else ''
 
 
 def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
@@ -319,42 +325,57 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     """
     if without_impacts := _one_vibration(record, rig, deviation):
         return without_impacts
-    costs = {}
-    for factor, sentence in _MISREADINGS.items():
-        if abs(math.log(abs(factor))) < math.log(_LARGE):
-            costs[sentence] = _cost(record, rig, deviation, factor)
+    fewer = thinned(record, rig, _SAMPLES)
+    others = [
+        (sentence, _driven(rig, factor))
+        for factor, sentence in _MISREADINGS.items()
+        if abs(math.log(abs(factor))) < math.log(_LARGE)
+    ]
     period = math.tau / max(rig.first_harmonic[1], 1e-3 * rig.omega)
     delays = period * np.arange(1, _PHASES) / _PHASES
-    phase = min(_cost(record, later(rig, delay), deviation) for delay in delays.tolist())
+    others += [(OTHER_PHASE, later(rig, delay)) for delay in delays.tolist()]
+    costs = [_cost(fewer, other, deviation, _MORE) for _, other in others]
     # Half a period later it is the other way round
-    costs[OTHER_PHASE] = phase / _AS_GOOD
-    best = min(costs, key=costs.__getitem__)
-    return best if costs[best] < (1.0 - _SAVED) * _cost(record, rig, deviation) else ''
+    weights = [_AS_GOOD if sentence == OTHER_PHASE else 1.0 for sentence, _ in others]
+    sentence, other = others[int(np.argmin(np.divide(costs, weights)))]
+    start = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+    as_it_is, there = (scanned(fewer, one, start, deviation)[0] for one in (rig, other))
+    return sentence if there < (1.0 - _SAVED) * as_it_is else ''
 
 
 def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
-    """Return what a record says that is one vibration of M, or ''."""
+    """Return what a record says that is one vibration, of M or of M and m together, or ''."""
     whole = np.array([0, len(record.time)])
     damping = max(rig.damping, 1e-3 * rig.stiffness / rig.omega)
-    alone = fit_vibration(record, rig, whole, (rig.stiffness, damping), deviation)
-    left = free_vibrations(record, Vibration.of(rig, *alone), whole).residual
-    if np.std(left[record.weight > 0.0]) > _ONE_VIBRATION * deviation:
+    joint = scaled_constant(rig, 'primary_mass', rig.mass_ratio) or rig
+    left, slower = {}, {}
+    for which, alone in (('M', rig), ('both', joint)):
+        fitted = fit_vibration(record, alone, whole, (rig.stiffness, damping), deviation)
+        free = free_vibrations(record, Vibration.of(alone, *fitted), whole).residual
+        left[which] = float(np.std(free[record.weight > 0.0])) / deviation
+        slower[which] = 50.0 * (1.0 - fitted[0] / alone.primary_mass / rig.omega**2)
+        # Without a force on M both describe it: that with the stiffness of the file does
+        left[which] *= 1.0 + abs(fitted[0] / rig.stiffness - 1.0)
+    best = min(left, key=left.__getitem__)
+    if left[best] > _ONE_VIBRATION:
         return ''
-    share = rig.damper_mass / (rig.primary_mass + rig.damper_mass)
-    slower = 1.0 - alone[0] / rig.stiffness
-    lower = f'{50.0 * abs(slower):.2g} % {"lower" if slower > 0.0 else "higher"}'
+    lower = f'{abs(slower[best]):.2g} % {"lower" if slower[best] > 0.0 else "higher"}'
     return (
         f'the natural frequency is {lower} than that of the file, as that of M and m together '
         'is: m moves with M; free it, or shake harder than friction holds'
-        if abs(slower / share - 1.0) < _STUCK
+        if best == 'both'
         else 'the record is one vibration without impacts, with a natural frequency '
-        f'{lower} than that of the file: m moves with M, or the damper is not in the record'
+        f'{lower} than that of the file: the damper is not in it, or does not move'
     )
 
 
-def _cost(record: Record, rig: RigParameters, deviation: float, factor: float = 1.0) -> float:
-    """Return the cost of a motion that is too small by a factor."""
+def _driven(rig: RigParameters, factor: float) -> RigParameters:
+    """Return the rig as it is if the motion is too small by a factor."""
     driven = scaled_constant(rig, 'force_amplitudes', 1.0 / factor - 1.0) or rig
-    driven = scaled_constant(driven, 'base_amplitudes', 1.0 / factor - 1.0) or driven
+    return scaled_constant(driven, 'base_amplitudes', 1.0 / factor - 1.0) or driven
+
+
+def _cost(record: Record, rig: RigParameters, deviation: float, stiffnesses: Array) -> float:
+    """Return the least cost with some stiffnesses, in that of the rig."""
     damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-    return scanned(record, driven, (rig.stiffness, damping), deviation, COARSE)[0]
+    return scanned(record, rig, (rig.stiffness, damping), deviation, (stiffnesses, _ONE))[0]

@@ -11,7 +11,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .course import Course
 from .first_guess import regressed
-from .partition import Record, fit_vibration, free_vibrations, jumps_between, partition
+from .partition import Record, fit_vibration, jumps_between, least_cost, partition
 from .unknowns import Unknowns, later
 from .vibration import Array, Vibration
 
@@ -24,8 +24,7 @@ _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
 #: Stiffnesses and dampings that are tried where the phase is known, in those of the start, at so
 #: many samples per period.
 _GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
-COARSE = np.linspace(0.96, 1.04, 5), np.ones(1)
-_SAMPLES, _FEW_SAMPLES = 40, 20
+_SAMPLES = 40
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
 #: Changes of K, and of C, after which the impacts are looked for again.
@@ -74,11 +73,11 @@ def _penalties(record: Record, measured: Array, deviation: float) -> Array:
     return cuts
 
 
-def _cost(record: Record, vibration: Vibration, deviation: float) -> float:
-    """Return the sum of squares that the fewest free vibrations leave, and what they cost."""
-    edges = partition(record, vibration, deviation, PENALTY)
-    left = free_vibrations(record, vibration, edges).residual
-    return float(left @ left) / deviation**2 + PENALTY * len(edges)
+def thinned(record: Record, rig: RigParameters, samples: int = _SAMPLES) -> Record:
+    """Return the record with about so many samples in a natural period, or all that it has."""
+    step = 2.0 * np.pi / rig.omega / samples / float(np.median(np.diff(record.time)))
+    part = slice(None, None, max(1, round(step)))
+    return Record(record.time[part], record.motion[part], record.weight[part], record.order)
 
 
 def scanned(
@@ -89,12 +88,10 @@ def scanned(
     grid: tuple[Array, Array] = _GRID,
 ) -> tuple[float, tuple[float, float]]:
     """Return the least cost on a grid of K and C, in those of a start, and these."""
-    samples = _FEW_SAMPLES if grid is COARSE else _SAMPLES
-    step = 2.0 * np.pi / rig.omega / samples / float(np.median(np.diff(record.time)))
-    part = slice(None, None, max(1, round(step)))
-    fewer = Record(record.time[part], record.motion[part], record.weight[part], record.order)
     tried = [(start[0] * k, start[1] * c) for k in grid[0].tolist() for c in grid[1].tolist()]
-    return min((_cost(fewer, Vibration.of(rig, *one), deviation), one) for one in tried)
+    return min(
+        (least_cost(record, Vibration.of(rig, *one), deviation, PENALTY), one) for one in tried
+    )
 
 
 def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float, float]:
@@ -109,7 +106,8 @@ def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float,
 
     def cost(tried: tuple[float, float]) -> float:
         delay, stiffness = tried
-        return _cost(record, Vibration.of(rig, stiffness, damping, delay), deviation)
+        vibration = Vibration.of(rig, stiffness, damping, delay)
+        return least_cost(record, vibration, deviation, PENALTY)
 
     parts = np.arange(_PHASES) / _PHASES
     delays = period * np.where(parts > 0.5, parts - 1.0, parts)
@@ -157,7 +155,9 @@ def first_course(
         late, stiffness = _delay(record, rig, deviation)
         rig = later(rig, late)
     elif scan:
-        _, (stiffness, damping) = scanned(record, rig, (stiffness, damping), deviation)
+        _, (stiffness, damping) = scanned(
+            thinned(record, rig), rig, (stiffness, damping), deviation
+        )
     cuts = _penalties(record, measured, impact_deviation)
     for _ in range(_ROUNDS):
         vibration = Vibration.of(rig, stiffness, damping)

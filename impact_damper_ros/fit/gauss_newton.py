@@ -197,7 +197,9 @@ def solve(
 
     Instants move by at most a sample in a step. Of a step that makes residuals and conditions
     larger a part is taken, or it is damped.
+    A friction below zero is held there: no flight of the engine has one.
     """
+    grip = shooting.unknowns.column('grip')
     longest = float(np.median(np.diff(shooting.record.time)))
     instants = np.zeros(len(u), bool)
     instants[shooting.count :: 5] = True
@@ -236,6 +238,11 @@ def solve(
         ):
             settled = True
             break
+    if grip >= 0 and u[grip] < 0.0 and not (shooting.frictionless or soft):
+        shooting.frictionless = True
+        u = u.copy()
+        u[grip] = 0.0
+        return solve(shooting, u, most=most, least_gain=least_gain)
     return Solution(u, equations, settled)
 
 

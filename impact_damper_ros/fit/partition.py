@@ -118,11 +118,29 @@ def partition(
     `penalty` is that of a cut before each sample, in squares of the standard deviation.
     """
     n = len(record.time)
+    cuts = np.broadcast_to(np.asarray(penalty, float), (n,))
+    _, came = _cheapest(record, vibration, deviation, cuts)
+    edges = [n]
+    while edges[-1] > 0:
+        edges.append(int(came[edges[-1]]))
+    return _joined(record, vibration, deviation, cuts, np.array(edges[::-1]))
+
+
+def least_cost(record: Record, vibration: Vibration, deviation: float, penalty: float) -> float:
+    """Return the sum of squares that the best stretches leave, in variances, and the penalties."""
+    cuts = np.broadcast_to(penalty, (len(record.time),))
+    return float(_cheapest(record, vibration, deviation, cuts)[0])
+
+
+def _cheapest(
+    record: Record, vibration: Vibration, deviation: float, cuts: Array
+) -> tuple[float, Edges]:
+    """Return the least cost, and where the last stretch of each beginning of the record begins."""
+    n = len(record.time)
     period = 2.0 * np.pi / vibration.damped
     longest = min(n, max(2 * LEAST, int(_LONGEST * period / np.median(np.diff(record.time)))))
     cost = np.full(n + 1, np.inf)
     came = np.zeros(n + 1, np.int64)
-    cuts = np.broadcast_to(np.asarray(penalty, float), (n,))
     cost[0] = -cuts[0]
     for first in range(0, n, _ROWS):
         last = min(first + _ROWS, n)
@@ -138,10 +156,7 @@ def partition(
             better = through < ahead
             ahead[better] = through[better]
             came[k + 1 : k + 1 + size][better] = k
-    edges = [n]
-    while edges[-1] > 0:
-        edges.append(int(came[edges[-1]]))
-    return _joined(record, vibration, deviation, cuts, np.array(edges[::-1]))
+    return float(cost[n]), came
 
 
 def _joined(

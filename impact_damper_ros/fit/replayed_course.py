@@ -20,7 +20,7 @@ from impact_damper_ros.motion.event import Event, EventKind
 
 from .course import Course, Flags
 from .first_course import matched
-from .flight_replay import FlightReplay, Passage, passage, start_velocity
+from .flight_replay import FlightReplay, Passage, passage
 from .shooting import Shooting
 from .vibration import Array
 
@@ -32,10 +32,8 @@ _MOST_PASSED, _MOST_INSERTED = 3, 3
 _FLAT = 0.1
 #: Least friction of the replay, m/s^2.
 _LEAST_GRIP = 1e-9
-#: What is cut, or searched, so often at an instant is left as it is.
+#: What is cut so often at an instant is left as it is.
 _OFTEN = 2
-#: Searches for a start in a round, of which each takes hundreds of replays.
-_MOST_SEARCHES = 10
 #: Residuals of the data in a flight that changes the course, in standard deviations.
 _MISFIT = 3.0
 #: Least time between two nodes, s.
@@ -44,15 +42,14 @@ _LEAST_SPAN = 2e-6
 
 @dataclass
 class Memory:
-    """What earlier rounds have found, by instants, since the numbers of the flights change."""
+    """Which flights earlier rounds have cut, by instants, since the numbers of flights change."""
 
     same: float
     cuts: list[tuple[float, int]] = field(default_factory=list)
-    starts: list[tuple[float, int]] = field(default_factory=list)
 
-    def count(self, entries: list[tuple[float, int]], time: float) -> int:
-        """Return how often something happened at an instant."""
-        return sum(times for at, times in entries if abs(at - time) < self.same)
+    def count(self, time: float) -> int:
+        """Return how often a flight was cut at an instant."""
+        return sum(times for at, times in self.cuts if abs(at - time) < self.same)
 
 
 class Impact:
@@ -90,7 +87,6 @@ class ReplayedCourse:
         self.largest = float(np.abs(course.velocity).max())
         self.impacts: list[Impact] = []
         self.risky: list[float] = []
-        self.searches = 0
         self.why_cut: dict[int, str] = {}
         self.changed = False
 
@@ -112,29 +108,6 @@ class ReplayedCourse:
             time, last.stop, x, velocity, damper, 1.1 * float(spans[-1]) + self.margin
         )
         return passage(events, spans, stops, tolerance)
-
-    def _arrival(self, k: int) -> float:
-        """Return the velocity with which m arrives at an impact, as its jump says."""
-        first, second = self.unknowns.alpha_columns()
-        alpha = self.course.shared[first if self.course.stop[k] > 0 else second]
-        share = self.unknowns.share
-        ratio = 1.0 / share - 1.0
-        # w = v_b + (alpha - M/m) J and v = v_b + J
-        jump = (self.course.damper_velocity[k] - self.course.velocity[k]) / (alpha - ratio - 1.0)
-        return float(self.course.velocity[k] + (alpha - 1.0) * jump)
-
-    def _search_start(self, k: int) -> Passage:
-        """Look for the velocity with which m gets from where it begins anew to the next impact."""
-        self.searches += 1
-        course, last = self.course, self.impacts[-1]
-        span = float(course.time[k + 1]) - last.time
-        wanted = self._arrival(k + 1), self.largest, self.shooting.rate
-        stop = int(course.stop[k + 1])
-        found = start_velocity(
-            self.replay, (last.time, last.row[1], last.row[2]), span, self.margin, stop, wanted
-        )
-        last.row[3], last.stop = found
-        return self._passage(k, 4.0 * self.tolerance)
 
     def revise(self) -> Course:
         """Return the course that the engine's flights suggest."""
@@ -159,16 +132,9 @@ class ReplayedCourse:
         course, memory = self.course, self.memory
         found = self._passage(k, self.tolerance)
         was_cut = bool(course.begins[k + 1])
-        free = self.impacts[-1].begins and self.searches < _MOST_SEARCHES
-        free &= memory.count(memory.starts, self.impacts[-1].time) < _OFTEN
-        if free and not was_cut and (found.ahead != 1 or found.missed):
-            memory.starts.append((self.impacts[-1].time, 1))
-            found = self._search_start(k)
-            self.risky.append(float(course.time[k + 1]))
-            self.changed = True
         end = k + max(found.ahead, 1)
         gain = self.gains.get(k, 0.0)
-        banned = memory.count(memory.cuts, float(course.time[end])) >= _OFTEN
+        banned = memory.count(float(course.time[end])) >= _OFTEN
         agrees = found.ahead > 0 and not found.sticks and not banned and not gain
         if agrees and found.missed:
             agrees = self._spare(k, end, found)

@@ -33,9 +33,8 @@ _EXACT = 5e-2
 _WORSE, _MOST_UNDONE = 1.15, 3
 #: Rounds that may begin with one course; what is cut twice at an instant stays cut.
 _MOST_REPEATS = 3
-#: A replay ends at the impact if it is there within this many samples or this part of a period,
-#: or within this many deviations of a measured time.
-_SAMPLES, _PART, _DEVIATIONS = 1.2, 0.025, 4.0
+#: A replay ends at the impact if it is there within this many samples or this part of a period.
+_SAMPLES, _PART = 1.2, 0.025
 #: An impact slower than this part of the median one may be none.
 _GRAZING = 0.02
 #: Times of one impact are this close between rounds, in natural periods.

@@ -12,6 +12,7 @@ Intervals are those of the linearised model with the noise that the residuals sh
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -28,14 +29,14 @@ from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, excited
 from .first_course import UnfitRecordError, first_course, offset_of
-from .gauss_newton import System
+from .gauss_newton import Solution, System
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
 from .partition import Record, noise_between, noise_of
 from .record_check import faults_of
 from .relaxation import relaxed
 from .revision import Revised, revised
-from .shooting import Shooting
+from .shooting import Equations, Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
 
@@ -469,7 +470,7 @@ class Knowledge(NamedTuple):
         """Return it for constants that were changed by parts since the file."""
         shooting, solution = found.shooting, found.solution
         count = shooting.count
-        own = System(solution.equations, 1e-11).covariance(np.arange(count)) * scale**2
+        own = System(_free(shooting, solution), 1e-11).covariance(np.arange(count)) * scale**2
         evidence = Evidence.of(shooting, solution, scale, laws=False)
         free = evidence.uncertain()
         rig, names = shooting.unknowns.rig, [evidence.columns[k].name for k in free]
@@ -493,6 +494,13 @@ class Knowledge(NamedTuple):
             rig,
             solution.unknowns + changes @ step,
         )
+
+
+def _free(shooting: Shooting, solution: Solution) -> Equations:
+    """Return the equations of a solution in which friction is not held at zero."""
+    free = copy.copy(shooting)
+    free.frictionless = False
+    return free.equations(solution.unknowns) if shooting.frictionless else solution.equations
 
 
 def _scale(measured: MeasuredMotion, found: Revised) -> float:

@@ -37,6 +37,8 @@ from .vibration import Array, Vibration
 
 #: Conditions of a flight: X, X', Z', Y at its end, and the last law.
 _AT_X, _AT_V, _AT_W, _AT_Y, _LAST = range(5)
+#: A friction that is zero, m/s^2.
+_NO_GRIP = 1e-6
 #: Step of derivatives by K, C and the delay, in natural units.
 _STEP = 1e-6
 
@@ -97,6 +99,8 @@ class Shooting(NodeMotion):
         masked: float = 0.0,
     ) -> None:
         self.deviation, self.impact_deviation = deviation, impact_deviation
+        #: Whether friction is held at zero, since the best value is below it.
+        self.frictionless = False
         self.rate = float(np.sqrt(course.shared[0] / unknowns.rig.primary_mass))
         # Displacement that the measured quantity has for the same noise
         self.length = deviation / self.rate**record.order
@@ -138,17 +142,18 @@ class Shooting(NodeMotion):
 
     def residual(self, u: Array, soft: float = 0.0) -> tuple[Array, Array]:
         """Return residuals and conditions, as in `Equations`."""
-        data = self._data(u)
-        return self._split(soft, data, self._times(u), self._conditions(u))
+        return self._split(soft, self._data(u), self._others(u), self._conditions(u))
 
     def equations(self, u: Array, soft: float = 0.0) -> Equations:
         """Return residuals and conditions with their derivatives."""
-        data, times, conditions = self._data(u), self._times(u), self._conditions(u)
-        residual, condition = self._split(soft, data, times, conditions)
+        conditions = self._conditions(u)
+        residual, condition = self._split(soft, self._data(u), self._others(u), conditions)
         blocks, columns = self._condition_rates(u)
         laws = self._law_rows if soft else np.zeros(len(conditions), bool)
         all_rates = _sparse(blocks, columns, self.size)
         rates = [self._data_rates(u), self._time_rates()]
+        if self.frictionless:
+            rates.append(_sparse(np.ones((1, 1)) / _NO_GRIP, self._grip_at, self.size))
         if soft:
             rates.append(all_rates[laws] / soft)
         return Equations(
@@ -160,12 +165,21 @@ class Shooting(NodeMotion):
         )
 
     def _split(
-        self, soft: float, data: Array, times: Array, conditions: Array
+        self, soft: float, data: Array, others: Array, conditions: Array
     ) -> tuple[Array, Array]:
         if not soft:
-            return np.concatenate([data, times]), conditions
+            return np.concatenate([data, others]), conditions
         laws = self._law_rows
-        return np.concatenate([data, times, conditions[laws] / soft]), conditions[~laws]
+        return np.concatenate([data, others, conditions[laws] / soft]), conditions[~laws]
+
+    @property
+    def _grip_at(self) -> NDArray[np.int64]:
+        return np.array([[self.unknowns.column('grip')]])
+
+    def _others(self, u: Array) -> Array:
+        """Return residuals of impact times, and of a friction that is held at zero."""
+        grip = [u[self.unknowns.column('grip')] / _NO_GRIP] if self.frictionless else []
+        return np.concatenate([self._times(u), np.array(grip)])
 
     def _data(self, u: Array) -> Array:
         shared, states = self.parts(u)

@@ -124,14 +124,3 @@ def test_there_is_one_verdict_for_each_flight():
     # A measured time shows that there was an impact
     course.measured[30] = 0
     assert not revised.grazes.any()
-
-
-def test_the_start_of_a_part_is_sought_with_the_engine():
-    """From a velocity of m that leads elsewhere to that which leads to the next impact."""
-    _, course, problem = truth(105)
-    wrong = course.copy()
-    wrong.damper_velocity[0] += 2.0 * np.sign(wrong.damper_velocity[0] - wrong.velocity[0])
-    found, turn = revised(wrong, problem)
-    assert turn.searches == 1
-    assert found.flies.all()
-    assert found.damper_velocity[0] == pytest.approx(course.damper_velocity[0], rel=0.02)

@@ -13,7 +13,7 @@ from impact_damper_ros.fit.course import Course
 from impact_damper_ros.fit.estimate import Estimate
 from impact_damper_ros.fit.first_course import first_course, matched
 from impact_damper_ros.fit.first_guess import regressed
-from impact_damper_ros.fit.gauss_newton import solve
+from impact_damper_ros.fit.gauss_newton import System, solve
 from impact_damper_ros.fit.partition import (
     Jumps,
     Record,
@@ -226,6 +226,26 @@ def test_one_step_finds_what_a_model_lacks(name, changes, value, within):
     assert abs(found[name].z) > 4.0
     assert found[name].z == found[name].value / found[name].standard_deviation
     assert abs(checks[0].z) == max(abs(check.z) for check in checks)
+
+
+@pytest.mark.parametrize(('seed', 'held'), [(101, False), (105, False), (108, True)])
+def test_friction_is_not_fitted_below_zero(seed, held):
+    """Where the best value is, it is zero, and the others are the best for that."""
+    unknowns, record, course, problem, _ = known(seed, {'friction': 1e-5}, noise=0.03)
+    grip = unknowns.column('grip')
+    shooting = problem(course)
+    solution = solve(shooting, shooting.start())
+    free = Shooting(record, shooting.deviation, unknowns, course, np.zeros(0), DEVIATION)
+    equations = free.equations(solution.unknowns)
+    step, _ = System(equations, 1e-11).step(equations)
+    if shooting.frictionless:
+        assert solution.unknowns[grip] == pytest.approx(0.0, abs=1e-6)
+        assert step[grip] < 0.0
+    else:
+        assert solution.unknowns[grip] > 0.0
+        assert abs(step[grip]) < solution.unknowns[grip]
+    assert shooting.frictionless is held
+    assert solution.broken < 1e-2
 
 
 def judgement(course, checks=(), deviations=(0.1,), **changes):
