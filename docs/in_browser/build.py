@@ -35,7 +35,7 @@ from impact_damper_ros.page.source import Source
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import specs_of
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import REMEDY, RunawayError
@@ -106,7 +106,7 @@ THEORY = {
     viability: ('_fault_at', 'FAULT', 'RIGHT'),
 }
 ROOTS |= {name: getattr(module, name) for module, names in THEORY.items() for name in names}
-ROOTS |= {'EventKind': EventKind, 'Oscillator': Oscillator, 'Line': Line, 'counted': counted}
+ROOTS |= {'EventKind': EventKind, 'Oscillator': Oscillator, 'Line': Line, 'plural': plural}
 #: What the page has on that.
 SOURCES = 'theory.js', 'source.js'
 TABLES = RigParameters, InitialConditions, GapControlParameters

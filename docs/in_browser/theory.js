@@ -437,7 +437,7 @@ function* settle(rig, mostCycles) {
       const impact = hits.reduce((one, other) => (Math.abs(other.impulse) > Math.abs(one.impulse) ? other : one));
       const orbit = reachedFrom(parameters, rhythm, impact, phase(impact.time));
       if (orbit && modulusOf(orbit) > GROWS) break;
-      return { orbit, rhythm, reason: orbit ? '' : `run ahead, the rig reaches a motion with stops ${rhythm.stops} in ${counted(period, 'cycle')} of the force, for which the solvers find no motion` };
+      return { orbit, rhythm, reason: orbit ? '' : `run ahead, the rig reaches a motion with stops ${rhythm.stops} in ${plural(period, 'cycle')} of the force, for which the solvers find no motion` };
     }
   }
   return { reason: `run ahead from its state, the rig does not repeat within ${mostCycles} cycles of the force` };
@@ -752,7 +752,7 @@ function leastBetween(value, low, high) {
 
 // Documents, as `theory.documents` describes them
 
-const nameOf = ({ stops, cycles }) => `${counted(stops.length, 'impact')} in ${counted(cycles, 'cycle')}`;
+const nameOf = ({ stops, cycles }) => `${plural(stops.length, 'impact')} in ${plural(cycles, 'cycle')}`;
 const orNull = (value) => (Number.isFinite(value) ? value : null);
 const summary = (orbit) => ({
   stable: isStable(orbit), viable: orbit.viable, reason: orbit.reason, x_max: orbit.x_max, x_max_ratio: orNull(orbit.x_max_ratio), multipliers: orbit.multipliers, label: nameOf(orbit),

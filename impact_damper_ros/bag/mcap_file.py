@@ -39,7 +39,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import plural, shown
 
 from .errors import RecordingError
 from .topics import Channel, full_type
@@ -166,7 +166,7 @@ class McapFile:
             if stated != there:
                 yield f'its statistics count {stated:,} messages, not {there:,}'
         if strange := sum(block.strange for block in self.blocks):
-            yield f'{counted(strange, "message", ",")} of undescribed channels, left out'
+            yield f'{plural(strange, "message", ",")} of undescribed channels, left out'
 
     # Opening
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from impact_damper_ros.outputs import write_text
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 
 from .errors import RecordingError
 from .mcap_file import open_file
@@ -162,7 +162,7 @@ def listing_faults(listing: Mapping[str, Any], there: int) -> Iterator[str]:
     """Yield whether ``metadata.yaml`` does not count the messages that are in the files."""
     stated = _count(listing)
     if stated not in (None, there):
-        yield f'metadata.yaml counts {counted(stated or 0, "message", ",")} in all, not {there:,}'
+        yield f'metadata.yaml counts {plural(stated or 0, "message", ",")} in all, not {there:,}'
 
 
 def listing_remarks(listing: Mapping[str, Any], there: int) -> Iterator[str]:
@@ -173,6 +173,6 @@ def listing_remarks(listing: Mapping[str, Any], there: int) -> Iterator[str]:
     total = sum(number for number in received if number is not None)
     if received and None not in received and total > there:
         yield (
-            f'the recorder received {counted(total, "message", ",")} and wrote {there:,}: it lost '
+            f'the recorder received {plural(total, "message", ",")} and wrote {there:,}: it lost '
             f'{total - there:,} of them'
         )

@@ -8,7 +8,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from impact_damper_ros.parameters.quoting import as_line, counted
+from impact_damper_ros.parameters.quoting import as_line, plural
 
 from .bag_file import BagFile
 from .errors import RecordingError
@@ -175,7 +175,7 @@ class _Copy:
                     self._waiting = 0
         others = file.others + sum(record.name != 'rosbag2' for record in file.metadata)
         if others:
-            what = f'{counted(others, "record")} of other programs, such as attachments'
+            what = f'{plural(others, "record")} of other programs, such as attachments'
             self.left_out.append(f'{what} (mcap recover copies them)')
 
     def _add(self, file: McapFile, message: StoredMessage) -> bool:

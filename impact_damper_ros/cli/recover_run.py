@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from impact_damper_ros.bag import RecordingError, Recovery, recover_run
-from impact_damper_ros.parameters.quoting import as_line, counted, printable
+from impact_damper_ros.parameters.quoting import as_line, plural, printable
 
 from .command_line import (
     EXIT_FAILED,
@@ -54,7 +54,7 @@ def recovery_report(recovery: Recovery) -> str:
     if recovery.was_complete:
         name = printable(recovery.source.name)
         lines.append(f'{name} is complete: nothing was lost; this is a copy of it')
-    count = counted(recovery.message_count, 'message')
+    count = plural(recovery.message_count, 'message')
     lines.append(f'saved {count} over {seconds:.3f} s to {printable(str(recovery.output))}')
     lines.append(f'  stamps {recovery.start_ns} to {recovery.end_ns} ns')
     topics = [t._replace(name=_short(t.name), type=_short(t.type)) for t in recovery.topics]
@@ -65,7 +65,7 @@ def recovery_report(recovery: Recovery) -> str:
     if not recovery.was_complete:
         lines.append(f'bytes not usable: {recovery.unusable}')
     if recovery.doubtful:
-        count = counted(recovery.doubtful, 'message')
+        count = plural(recovery.doubtful, 'message')
         lines.append(f'of damaged parts, so that some may be altered: {count}')
     lines += [f'fault: {as_line(fault)}' for fault in recovery.faults[:_MOST_FAULTS]]
     if len(recovery.faults) > _MOST_FAULTS:

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from impact_damper_ros.motion.event import Sample, events_of_table
-from impact_damper_ros.parameters.quoting import counted, printable
+from impact_damper_ros.parameters.quoting import plural, printable
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -172,7 +172,7 @@ def _replay(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int, 
         refusals = what_if.refusals if what_if is not None else []
         result['what_if']['refused_orders'] = len(refusals)
         for time, reason in refusals[:1]:
-            count = counted(len(refusals), 'order')
+            count = plural(len(refusals), 'order')
             text += f'\nrefused     {count} of the controller, from {time:.9g} s on: {reason}'
         if arguments.recording is not None:
             text += f'\nrecorded    {arguments.recording}'

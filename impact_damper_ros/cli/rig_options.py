@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.parameters.all_parameters import RIG_SPECS
-from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.description import describe_rig, frequency_hint
 from impact_damper_ros.parameters.gap_control_parameters import (
     GAP_CONTROL_SPECS,
     GapControlParameters,
@@ -276,7 +276,7 @@ def rig_line(
     rig: RigParameters, control: GapControlParameters | None = None, law: str = ''
 ) -> str:
     """Return the rig that a command works on in a line, with its gap control."""
-    text = described(rig)
+    text = describe_rig(rig)
     if control is not None and control.active:
         text += f'; gap control {law or control.gap_control}'
     return text

@@ -26,7 +26,7 @@ from impact_damper_ros.orbits.solution_curve import value_of
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 from impact_damper_ros.report.branch_figure import branch_figure
 from impact_damper_ros.report.orbit_text import branch_table, branch_text, orbit_text
@@ -198,7 +198,7 @@ class _Search(NamedTuple):
         """Their numbers in a line."""
         viable = sum(orbit.viable for orbit in self.orbits)
         return (
-            f'{counted(self.impacts, "impact")} in {counted(self.cycles, "cycle")}: '
+            f'{plural(self.impacts, "impact")} in {plural(self.cycles, "cycle")}: '
             f'{viable} viable, {len(self.orbits) - viable} not'
             + (', all solutions' if self.complete else '')
         )
@@ -219,8 +219,8 @@ def _settled_text(found: SettledMotion) -> str:
     assert found.period is not None
     return (
         f'after {found.cycles} cycles of the force the rig repeats to within '
-        f'{found.period.level:.1e}: {counted(found.rhythm.impacts, "impact")} in '
-        f'{counted(found.rhythm.cycles, "cycle")}'
+        f'{found.period.level:.1e}: {plural(found.rhythm.impacts, "impact")} in '
+        f'{plural(found.rhythm.cycles, "cycle")}'
     )
 
 
@@ -272,8 +272,8 @@ def _with_settled(
 ) -> list[str]:
     """Add the motion that a rig settles into, unless it is known; report the end of the search."""
     where = (
-        f'the search ends at {counted(arguments.impacts[-1], "impact")} and '
-        f'{counted(arguments.cycles[-1], "cycle")}: there may be other motions beyond'
+        f'the search ends at {plural(arguments.impacts[-1], "impact")} and '
+        f'{plural(arguments.cycles[-1], "cycle")}: there may be other motions beyond'
     )
     try:
         settled, orbit = _settled_orbit(given)

@@ -12,7 +12,7 @@ import numpy as np
 
 from impact_damper_ros import __version__
 from impact_damper_ros.control.own_law import OwnLaw
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.replay import Findings, RecordedRun, Replay
 
 from .result import LogCheck, LogVerdict, RunComparison, StretchComparison
@@ -25,11 +25,11 @@ def _log_check(replay: Replay) -> LogCheck:
     findings = replay.findings
     count = findings.difference_count
     exactly = 'within the errors of round-off' if findings.other_bits else 'bit for bit'
-    how = f'replayed, with {counted(count, "difference")}' if count else f'replayed {exactly}'
-    text = f'{how}: {counted(findings.samples, "sample")}, {counted(findings.impacts, "impact")}'
+    how = f'replayed, with {plural(count, "difference")}' if count else f'replayed {exactly}'
+    text = f'{how}: {plural(findings.samples, "sample")}, {plural(findings.impacts, "impact")}'
     if findings.gap_control:
-        text += f', {counted(findings.gap_control, "act")} of the gap control'
-    text += f', {counted(findings.snapshots, "snapshot")}'
+        text += f', {plural(findings.gap_control, "act")} of the gap control'
+    text += f', {plural(findings.snapshots, "snapshot")}'
     return LogCheck(text, count, findings.unchecked)
 
 

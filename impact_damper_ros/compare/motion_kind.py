@@ -24,7 +24,7 @@ from impact_damper_ros.orbits.recurrence import (
     find_period,
 )
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.replay.rows import NO_EVENTS, Events
 from impact_damper_ros.rig.rig import Rig
 
@@ -115,7 +115,7 @@ def settled_after(found: SettledMotion) -> int:
 
 
 def _period_text(cycles: int, impacts: int) -> str:
-    return f'{counted(cycles, "cycle")} ({counted(impacts, "impact")})'
+    return f'{plural(cycles, "cycle")} ({plural(impacts, "impact")})'
 
 
 def _recurring(recurrence: Period, impacts: Events) -> StretchKind:

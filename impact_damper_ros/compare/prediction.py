@@ -24,7 +24,7 @@ from impact_damper_ros.orbits.orbit import AT_IMPACTS, PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import Period, Section
 from impact_damper_ros.orbits.search import find_orbits
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero, orbit_near
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.rows import Events
 from impact_damper_ros.theory.motion_curve import orbit_curve
@@ -117,7 +117,7 @@ def _match_orbit(
         return None, str(error)
     if best is None:
         text = f'no motion with the stops {",".join(map(str, rhythm.stops))} in '
-        return None, f'{text}{counted(rhythm.cycles, "cycle")} was found'
+        return None, f'{text}{plural(rhythm.cycles, "cycle")} was found'
     return best[1], how
 
 

@@ -19,7 +19,7 @@ from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero
 from impact_damper_ros.orbits.swept_response import SweptResponse, swept_response
 from impact_damper_ros.orbits.transmissibility import dynamic_stiffness
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.replay.rows import Samples
 
 from .measures import energy_balance, measured_motion, motion_curve, spectrum
@@ -51,9 +51,9 @@ class _Judgement(NamedTuple):
 
 
 def _motion_name(orbit: PeriodicOrbit) -> str:
-    cycles = counted(orbit.cycles, 'cycle')
+    cycles = plural(orbit.cycles, 'cycle')
     if orbit.impacts > _LISTED_STOPS:
-        return f'the motion with {counted(orbit.impacts, "impact")} in {cycles}'
+        return f'the motion with {plural(orbit.impacts, "impact")} in {cycles}'
     stops = ','.join(str(stop) for stop in orbit.stops)
     return f'the motion with the stops {stops} in {cycles}'
 
@@ -336,7 +336,7 @@ class _Comparison:
         if later is not None and (orbit := later.orbit) is not None:
             self.orbit, self.solver = orbit, 'boundary-value problem of its events'
             text = f'run on, it comes to {_motion_name(orbit)} ({_stability(orbit)}) after '
-            text += counted(settled_after(later), 'cycle')
+            text += plural(settled_after(later), 'cycle')
             return self._result(kind, _Judgement(Verdict.NOT_SETTLED, text))
         judgement, self.orbit = _judged_irregular(stretch, drive, kind)
         self.solver = 'impact equations, one cycle of the force'

@@ -16,7 +16,7 @@ from math import atan2, cos, floor, log, nan, pi, sin, sqrt
 from typing import NamedTuple
 
 from impact_damper_ros.motion.compiled import kernel
-from impact_damper_ros.parameters.forcing import mixed
+from impact_damper_ros.parameters.forcing import mix
 from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 
 from .state import Estimates, Measurement
@@ -29,7 +29,7 @@ _LOWER_34, _LOWER_37, _LOWER_33 = 2**34 - 1, 2**37 - 1, 2**33 - 1
 
 
 def _mixed_bits(word: int) -> int:
-    """Return what `mixed` returns, as a signed number; compiled ones drop all but 64 bits."""
+    """Return what `mix` returns, as a signed number; compiled ones drop all but 64 bits."""
     word = word + _STEP_64
     word = (word ^ ((word >> 30) & _LOWER_34)) * _FACTOR_64
     word = (word ^ ((word >> 27) & _LOWER_37)) * _OTHER_FACTOR_64
@@ -39,12 +39,12 @@ def _mixed_bits(word: int) -> int:
 @kernel(twin=_mixed_bits)
 def mixed_bits(word: int) -> int:
     """Return 64 bits that depend on all bits of a word."""
-    return mixed(word)
+    return mix(word)
 
 
 def mixed_seed(seed: int) -> int:
     """Return 64 bits that depend on all bits of a seed, as a signed number."""
-    bits = mixed(seed)
+    bits = mix(seed)
     return bits - 2**64 if bits >= 2**63 else bits
 
 

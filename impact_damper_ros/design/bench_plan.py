@@ -29,7 +29,7 @@ from .runs_from_rest import at_level
 _SPEED_ERROR, _PLACE_ERROR, _DEGENERATE = 0.01, 0.01, 1e-9
 
 
-class Deviations(NamedTuple):
+class RunDeviations(NamedTuple):
     """
     Standard deviations after a run; infinite where it does not determine the parameter.
 
@@ -72,10 +72,10 @@ class PlannedRun(NamedTuple):
     level: float
     flights: int
     repeats: bool
-    standard_deviations: Deviations
+    standard_deviations: RunDeviations
 
 
-def _deviations(rig: RigParameters, events: Events) -> tuple[int, Deviations]:
+def _deviations(rig: RigParameters, events: Events) -> tuple[int, RunDeviations]:
     """Return the number of flights without a reversal, and the deviations that they leave."""
     places = np.flatnonzero(events['kind'] == EventKind.IMPACT)
     hits, direct = events[places], np.diff(places) == 1
@@ -84,7 +84,7 @@ def _deviations(rig: RigParameters, events: Events) -> tuple[int, Deviations]:
     stop = np.where(hits['stop'] == 1, 1.0, -1.0)
     rows = flight_regressors(hits['time'], jump, stop, slides)[direct]
     if len(rows) < 2:
-        return len(rows), Deviations()
+        return len(rows), RunDeviations()
     mean = 0.5 * (rig.restitution_1 + rig.restitution_2)
     alpha = (rig.primary_mass + rig.damper_mass) / (rig.damper_mass * (1.0 + mean))
     # Columns and scales of R, friction and gap; friction of a rig that has a normal force only
@@ -100,9 +100,9 @@ def _deviations(rig: RigParameters, events: Events) -> tuple[int, Deviations]:
     laws = (np.stack([*columns.values()], axis=-1) / errors[:, None]).reshape(-1, len(columns))
     values, vectors = np.linalg.eigh(laws.T @ laws)
     if values[0] <= _DEGENERATE * values[-1]:
-        return len(rows), Deviations()
+        return len(rows), RunDeviations()
     deviations = np.sqrt((vectors**2 / values).sum(axis=1)).tolist()
-    return len(rows), Deviations(**dict(zip(columns, deviations, strict=True)))
+    return len(rows), RunDeviations(**dict(zip(columns, deviations, strict=True)))
 
 
 def planned_run(

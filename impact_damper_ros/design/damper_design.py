@@ -197,7 +197,7 @@ def _resonance(rig: RigParameters) -> tuple[float, float, float]:
     return away, width, gain
 
 
-def rounded(gap: float) -> float:
+def rounded_gap(gap: float) -> float:
     """Return a gap with the digits to which one can be built, m."""
     return float(f'{gap:.{_DIGITS}g}')
 
@@ -216,7 +216,7 @@ def _motions(rig: RigParameters) -> Iterator[PeriodicOrbit]:
                 yield carried
 
 
-def _followed(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branch:
+def _follow_gap(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branch:
     return follow(orbit, name, low, high, largest_step=_STEP, most_points=_POINTS)
 
 
@@ -232,7 +232,7 @@ def _branches(rig: RigParameters) -> list[Branch]:
         known = [orbit.x_max for branch in branches for orbit in branch.at([gap])[0]]
         for orbit in _motions(rig.replace(gap=gap)):
             if all(abs(orbit.x_max / x - 1.0) > _SAME_MOTION for x in known):
-                branches.append(_followed(orbit, 'gap', gap / 3.0, 2.0 * gap))
+                branches.append(_follow_gap(orbit, 'gap', gap / 3.0, 2.0 * gap))
                 known.append(orbit.x_max)
     return branches
 
@@ -242,9 +242,9 @@ def _best_to_build(branch: Branch) -> PeriodicOrbit | None:
     best = branch.best()
     if best is None:
         return None
-    nearest = rounded(best.value)
+    nearest = rounded_gap(best.value)
     digit = 10.0 ** (math.floor(math.log10(nearest)) + 1 - _DIGITS)
-    gaps = (nearest, rounded(nearest - digit), rounded(nearest + digit))
+    gaps = (nearest, rounded_gap(nearest - digit), rounded_gap(nearest + digit))
     # The least |X| may lie where stability is lost, and the nearest gap beyond
     motions = [
         # A point of the branch is at the gap to round-off
@@ -267,7 +267,7 @@ def _span_of(
     span = Span(here, here)
     for low, high in factors:
         with suppress(OrbitError, ArithmeticError):
-            span = _followed(orbit, name, *sorted((low * here, high * here))).span(here, orbit)
+            span = _follow_gap(orbit, name, *sorted((low * here, high * here))).span(here, orbit)
         if span.low_reason and span.high_reason:
             break
     return span
@@ -295,13 +295,13 @@ def best_from_rest(rig: RigParameters, widest: float) -> tuple[FromRest, FromRes
         return largest_from_rest(rig, {'gap': gaps}, least)
 
     gaps = np.geomspace(0.1 * sure, max(widest, sure), _GAPS_FROM_REST)
-    gaps = np.unique([rounded(gap) for gap in [*gaps, sure]])
+    gaps = np.unique([rounded_gap(gap) for gap in [*gaps, sure]])
     sizes = sizes_of(gaps)
     # From rest |X| is no smooth function of the gap
     for limit in (sure, math.inf):
         order = [k for k in np.argsort(sizes) if gaps[k] <= limit][:_NARROWED]
         finer = [
-            rounded(gap)
+            rounded_gap(gap)
             for k in order
             for gap in np.linspace(
                 gaps[max(k - 1, 0)], gaps[min(k + 1, len(gaps) - 1)], _FINER + 2

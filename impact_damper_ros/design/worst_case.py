@@ -12,7 +12,7 @@ import numpy as np
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .damper_design import Design, rounded
+from .damper_design import Design, rounded_gap
 from .runs_from_rest import (
     Array,
     Flags,
@@ -210,7 +210,7 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
     ends = min(levels), max(levels)
     unsure = _Uncertain(design.rig, ranges, ends)
     shares = np.geomspace(_LEAST_GAP * min(ends[0], 1.0), _WIDEST_GAP, _GAPS)
-    gaps = np.unique([rounded(gap) for gap in [*(shares * design.gap), design.gap]])
+    gaps = np.unique([rounded_gap(gap) for gap in [*(shares * design.gap), design.gap]])
     ratios, _ = unsure.short_ratios(gaps, unsure.grid(_COARSE)[0])
     runs = {design.gap: unsure.whole(design.gap)}
     least = float(runs[design.gap].ratios.max())

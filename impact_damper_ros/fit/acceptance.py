@@ -43,7 +43,7 @@ class Judgement(NamedTuple):
     remarks: list[str]
 
 
-def judged(
+def judge_fit(
     revised: Revised,
     chi: float,
     checks: list[Candidate],

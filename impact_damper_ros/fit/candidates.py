@@ -18,8 +18,8 @@ import numpy as np
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .first_course import scanned, thinned
-from .gauss_newton import Solution, System
+from .first_course import scan_costs, thin_out
+from .gauss_newton import FitSolution, System
 from .partition import Record, fit_vibration, free_vibrations
 from .shooting import Shooting
 from .unknowns import CONSTANTS, later, scaled_constant
@@ -93,7 +93,7 @@ class Candidate(NamedTuple):
         return self.value / self.standard_deviation if self.standard_deviation else 0.0
 
 
-class Column(NamedTuple):
+class ParameterColumn(NamedTuple):
     """Derivatives of residuals and conditions by a parameter, and how far it is known before."""
 
     name: str
@@ -118,19 +118,19 @@ class Evidence(NamedTuple):
         Of the unknowns with each.
     """
 
-    columns: list[Column]
+    columns: list[ParameterColumn]
     information: Array
     gradient: Array
     changes: Array
 
     @classmethod
     def of(
-        cls, shooting: Shooting, solution: Solution, scale: float, *, laws: bool = True
+        cls, shooting: Shooting, solution: FitSolution, scale: float, *, laws: bool = True
     ) -> Evidence:
         """Return it near a solution whose residuals have a deviation of scale."""
         equations = solution.equations
         system = System(equations, 1e-11)
-        columns = constants_of(shooting, solution)
+        columns = constant_columns(shooting, solution)
         if laws:
             columns += [*_of_laws(shooting, solution), *_second_modes(shooting, solution)]
         residual = np.stack([one.residual for one in columns], axis=1)
@@ -177,7 +177,7 @@ class Evidence(NamedTuple):
         return [one for one in found if one not in modes[1:]]
 
 
-def _second_modes(shooting: Shooting, solution: Solution) -> Iterator[Column]:
+def _second_modes(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterColumn]:
     """Yield displacements by which modes of other frequencies answer the impacts."""
     record, impacts = shooting.record, shooting.course.time
     jumps, order = shooting.jumps(solution.unknowns), shooting.record.order
@@ -195,7 +195,7 @@ def _second_modes(shooting: Shooting, solution: Solution) -> Iterator[Column]:
         residual = np.zeros(len(solution.equations.residual))
         residual[: len(motion)] = motion
         frequency = ratio * shooting.rate / math.tau
-        yield Column(
+        yield ParameterColumn(
             f'{_SECOND_MODE} at {frequency:.3g} Hz',
             '',
             'M has a second mode: fix the sensor to M, or stiffen what swings on it',
@@ -204,7 +204,7 @@ def _second_modes(shooting: Shooting, solution: Solution) -> Iterator[Column]:
         )
 
 
-def _of_laws(shooting: Shooting, solution: Solution) -> Iterator[Column]:
+def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterColumn]:
     """Yield parameters that depend on what the model takes to be constant, and the delay."""
     unknowns, u, equations = shooting.unknowns, solution.unknowns, solution.equations
     shared, states = shooting.parts(u)
@@ -238,14 +238,14 @@ def _of_laws(shooting: Shooting, solution: Solution) -> Iterator[Column]:
     by_restitution = -unknowns.share * alpha[ends] ** 2
     if hit.any():
         middle = speed[hit].mean()
-        yield Column(
+        yield ParameterColumn(
             'restitution over impact speed',
             's/m',
             'restitution depends on the speed of impact',
             *spread(alphas, by_restitution * np.where(hit, speed - middle, 0.0)),
         )
     if not unknowns.separate and {1, -1} <= set(shooting.kind[ends].tolist()):
-        yield Column(
+        yield ParameterColumn(
             'restitution_2 less restitution_1',
             '',
             'the stops have different restitution, which --also restitution_2 fits',
@@ -254,7 +254,7 @@ def _of_laws(shooting: Shooting, solution: Solution) -> Iterator[Column]:
     squares = states[:, 1] ** 2 + (states[:, 2] / shooting.rate) ** 2
     size = squares / squares.mean() - 1.0
     stiffness = unknowns.value(shared, 'stiffness')
-    yield Column(
+    yield ParameterColumn(
         'stiffness over square of amplitude',
         '',
         'the spring is not linear',
@@ -263,7 +263,7 @@ def _of_laws(shooting: Shooting, solution: Solution) -> Iterator[Column]:
     span = shooting.record.time[-1] - shooting.record.time[0]
     late = (states[:, 0] - states[:, 0].mean()) / span
     gap = unknowns.value(shared, 'gap')
-    yield Column(
+    yield ParameterColumn(
         'change of the gap',
         '',
         'the gap changes over the record',
@@ -271,28 +271,28 @@ def _of_laws(shooting: Shooting, solution: Solution) -> Iterator[Column]:
     )
     if 'force_delay' not in unknowns.extras and any(unknowns.rig.force_amplitudes):
         delay = _STEP / shooting.rate
-        yield Column(
+        yield ParameterColumn(
             'force delay',
             's',
             OTHER_PHASE,
-            *_varied(shooting, solution, later(unknowns.rig, delay), delay),
+            *_derivatives(shooting, solution, later(unknowns.rig, delay), delay),
         )
 
 
-def constants_of(shooting: Shooting, solution: Solution) -> list[Column]:
+def constant_columns(shooting: Shooting, solution: FitSolution) -> list[ParameterColumn]:
     """Return derivatives by the relative changes of masses and level of the excitation."""
     unknowns, found = shooting.unknowns, []
     for name, constant in CONSTANTS.items():
         other = scaled_constant(unknowns.rig, name, _STEP)
         if other is not None:
             uncertainty = unknowns.uncertain.get(name, constant.uncertainty)
-            varied = _varied(shooting, solution, other, _STEP)
-            found.append(Column(name, '', constant.meaning, *varied, uncertainty))
+            varied = _derivatives(shooting, solution, other, _STEP)
+            found.append(ParameterColumn(name, '', constant.meaning, *varied, uncertainty))
     return found
 
 
-def _varied(
-    shooting: Shooting, solution: Solution, rig: RigParameters, step: float
+def _derivatives(
+    shooting: Shooting, solution: FitSolution, rig: RigParameters, step: float
 ) -> tuple[Array, Array]:
     """Return derivatives by a difference of the rig."""
     varied = copy.copy(shooting)
@@ -304,12 +304,12 @@ def _varied(
 
 def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     """Return the unit with which the motion is made of far fewer vibrations, or ''."""
-    fewer = thinned(record, rig, _SAMPLES)
+    fewer = thin_out(record, rig, _SAMPLES)
     as_it_is = _cost(fewer, rig, deviation, _FEW)
     if as_it_is < _DEAR * len(fewer.time):
         return ''
     costs = {
-        sentence: _cost(fewer, _driven(rig, factor), deviation, _FEW)
+        sentence: _cost(fewer, _driven_rig(rig, factor), deviation, _FEW)
         for factor, sentence in _MISREADINGS.items()
         if abs(math.log(abs(factor))) > math.log(_LARGE)
     }
@@ -325,9 +325,9 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     """
     if without_impacts := _one_vibration(record, rig, deviation):
         return without_impacts
-    fewer = thinned(record, rig, _SAMPLES)
+    fewer = thin_out(record, rig, _SAMPLES)
     others = [
-        (sentence, _driven(rig, factor))
+        (sentence, _driven_rig(rig, factor))
         for factor, sentence in _MISREADINGS.items()
         if abs(math.log(abs(factor))) < math.log(_LARGE)
     ]
@@ -339,7 +339,7 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     weights = [_AS_GOOD if sentence == OTHER_PHASE else 1.0 for sentence, _ in others]
     sentence, other = others[int(np.argmin(np.divide(costs, weights)))]
     start = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-    as_it_is, there = (scanned(fewer, one, start, deviation)[0] for one in (rig, other))
+    as_it_is, there = (scan_costs(fewer, one, start, deviation)[0] for one in (rig, other))
     return sentence if there < (1.0 - _SAVED) * as_it_is else ''
 
 
@@ -369,7 +369,7 @@ def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
     )
 
 
-def _driven(rig: RigParameters, factor: float) -> RigParameters:
+def _driven_rig(rig: RigParameters, factor: float) -> RigParameters:
     """Return the rig as it is if the motion is too small by a factor."""
     driven = scaled_constant(rig, 'force_amplitudes', 1.0 / factor - 1.0) or rig
     return scaled_constant(driven, 'base_amplitudes', 1.0 / factor - 1.0) or driven
@@ -378,4 +378,4 @@ def _driven(rig: RigParameters, factor: float) -> RigParameters:
 def _cost(record: Record, rig: RigParameters, deviation: float, stiffnesses: Array) -> float:
     """Return the least cost with some stiffnesses, in that of the rig."""
     damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-    return scanned(record, rig, (rig.stiffness, damping), deviation, (stiffnesses, _ONE))[0]
+    return scan_costs(record, rig, (rig.stiffness, damping), deviation, (stiffnesses, _ONE))[0]

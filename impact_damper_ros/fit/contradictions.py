@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .gauss_newton import Solution, gains_of_release, solve
+from .gauss_newton import FitSolution, gains_of_release, solve
 from .relaxation import Problem
 from .shooting import Shooting
 from .vibration import Array
@@ -28,7 +28,7 @@ _MEDIAN, _LARGE = 0.4549, 6.0
 _CONTRADICTION, _MOST_RELEASES = 100.0, 6
 
 
-def gains_of(shooting: Shooting, solution: Solution) -> Array:
+def gains_of(shooting: Shooting, solution: FitSolution) -> Array:
     """
     Return the misfit of each flight: the larger of what its laws and its residuals add.
 
@@ -59,7 +59,7 @@ def to_release(gains: Array, limit: float) -> dict[int, float]:
     return chosen
 
 
-def _solved(shooting: Shooting) -> Solution:
+def _solve(shooting: Shooting) -> FitSolution:
     """Return the fit of a course, made roughly with soft laws first."""
     rough = solve(shooting, shooting.start(), soft=1.0, most=_ROUGH_STEPS, least_gain=_ROUGH)
     return solve(shooting, rough.unknowns, most=_STEPS)
@@ -67,13 +67,13 @@ def _solved(shooting: Shooting) -> Solution:
 
 def without_contradictions(
     problem: Problem, shooting: Shooting, why_cut: dict[int, str], *, softly: bool
-) -> tuple[Shooting, Solution, Array]:
+) -> tuple[Shooting, FitSolution, Array]:
     """
     Fit a course, and cut flights that contradict all others; `softly` at first with soft laws.
 
     Returns the equations of the course, their solution and what each flight costs.
     """
-    solution = _solved(shooting) if softly else solve(shooting, shooting.start(), most=_STEPS)
+    solution = _solve(shooting) if softly else solve(shooting, shooting.start(), most=_STEPS)
     gains = gains_of(shooting, solution)
     for _ in range(_MOST_RELEASES):
         chosen = to_release(gains, _CONTRADICTION)
@@ -84,6 +84,6 @@ def without_contradictions(
             course.leave_out(k)
             why_cut[k + 1] = f'its laws cost {gain:.0f} in the sum of squares'
         shooting = problem(course)
-        solution = _solved(shooting)
+        solution = _solve(shooting)
         gains = gains_of(shooting, solution)
     return shooting, solution, gains

@@ -101,7 +101,9 @@ def tones_of(time: Array, values: Array) -> Tones:
     )
 
 
-def excited(measured: MeasuredMotion, rig: RigParameters) -> tuple[RigParameters, list[str]]:
+def with_excitation(
+    measured: MeasuredMotion, rig: RigParameters
+) -> tuple[RigParameters, list[str]]:
     """
     Return a rig under the excitation that was recorded, and what that changes, in words.
 
@@ -118,7 +120,7 @@ def excited(measured: MeasuredMotion, rig: RigParameters) -> tuple[RigParameters
         if values is None or np.ptp(values[np.isfinite(values)]) == 0.0:
             continue
         quantity = measured.base_quantity if kind == 'base' else 'force'
-        off = float(np.nanstd(values - _described(rig, kind, quantity, time)))
+        off = float(np.nanstd(values - _described_drive(rig, kind, quantity, time)))
         if off <= _enough(values):
             continue
         try:
@@ -149,7 +151,7 @@ def _force_of(rig: RigParameters) -> tuple[tuple[float, ...], ...]:
     return rig.force_amplitudes, rig.force_frequencies, rig.force_phases
 
 
-def _described(rig: RigParameters, kind: str, quantity: str, time: Array) -> Array:
+def _described_drive(rig: RigParameters, kind: str, quantity: str, time: Array) -> Array:
     """Return the force or the motion of the base that a rig describes."""
     if kind == 'base' and rig.base_quantity != quantity:
         return np.zeros(len(time))

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .course import Course
-from .first_guess import regressed
+from .first_guess import regress
 from .partition import Record, fit_vibration, jumps_between, least_cost, partition
 from .unknowns import Unknowns, later
 from .vibration import Array, Vibration
@@ -43,13 +43,13 @@ def check_impacts(count: int) -> None:
     """Raise `UnfitRecordError` if there are too few impacts."""
     if count < LEAST_IMPACTS:
         raise UnfitRecordError(
-            f'the record has {counted(count, "impact")}, and a fit needs {LEAST_IMPACTS}: '
+            f'the record has {plural(count, "impact")}, and a fit needs {LEAST_IMPACTS}: '
             'record a motion in which the damper hits its stops, for longer; a record without the '
             'damper is one for --structure'
         )
 
 
-def matched(times: Array, measured: Array, limit: float) -> NDArray[np.int64]:
+def match_times(times: Array, measured: Array, limit: float) -> NDArray[np.int64]:
     """Return the measured time that belongs to each instant, -1 for none; each belongs to one."""
     found = np.full(len(times), -1)
     if not len(measured) or not len(times):
@@ -73,14 +73,14 @@ def _penalties(record: Record, measured: Array, deviation: float) -> Array:
     return cuts
 
 
-def thinned(record: Record, rig: RigParameters, samples: int = _SAMPLES) -> Record:
+def thin_out(record: Record, rig: RigParameters, samples: int = _SAMPLES) -> Record:
     """Return the record with about so many samples in a natural period, or all that it has."""
     step = 2.0 * np.pi / rig.omega / samples / float(np.median(np.diff(record.time)))
     part = slice(None, None, max(1, round(step)))
     return Record(record.time[part], record.motion[part], record.weight[part], record.order)
 
 
-def scanned(
+def scan_costs(
     record: Record,
     rig: RigParameters,
     start: tuple[float, float],
@@ -117,7 +117,7 @@ def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float,
     )
 
 
-def offset_of(record: Record, rig: RigParameters) -> float:
+def clock_offset_of(record: Record, rig: RigParameters) -> float:
     """Return the mean over whole periods of the force: the offset of a sensor, nearly."""
     period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
     whole = np.floor((record.time[-1] - record.time[0]) / period) * period
@@ -147,7 +147,7 @@ def first_course(
     """
     rig = unknowns.rig
     bias = unknowns.column('bias')
-    offset = offset_of(record, rig) if bias >= 0 else 0.0
+    offset = clock_offset_of(record, rig) if bias >= 0 else 0.0
     record = record._replace(motion=record.motion - offset)
     stiffness, damping = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
     late, force_delay = 0.0, unknowns.column('force_delay')
@@ -155,8 +155,8 @@ def first_course(
         late, stiffness = _delay(record, rig, deviation)
         rig = later(rig, late)
     elif scan:
-        _, (stiffness, damping) = scanned(
-            thinned(record, rig), rig, (stiffness, damping), deviation
+        _, (stiffness, damping) = scan_costs(
+            thin_out(record, rig), rig, (stiffness, damping), deviation
         )
     cuts = _penalties(record, measured, impact_deviation)
     for _ in range(_ROUNDS):
@@ -180,7 +180,7 @@ def first_course(
             f'gap shows in {_LEAST_CROSSINGS} at least: shake harder, or record for longer'
         )
     rate = float(np.sqrt(stiffness / rig.primary_mass))
-    alphas, grip, gap = regressed(unknowns, jumps, stops, rate)
+    alphas, grip, gap = regress(unknowns, jumps, stops, rate)
     gap = max(gap, _LEAST_GAP * float(np.ptp(jumps.x)))
     shared = unknowns.start(stiffness, damping, alphas, grip, gap)
     if bias >= 0:
@@ -199,5 +199,5 @@ def first_course(
         jumps.velocity + (alpha - ratio) * jumps.jump,
         stops,
         begins,
-        matched(jumps.time, measured, max(6.0 * impact_deviation, 1e-9)),
+        match_times(jumps.time, measured, max(6.0 * impact_deviation, 1e-9)),
     )

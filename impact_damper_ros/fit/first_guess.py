@@ -20,7 +20,7 @@ from .vibration import Array
 _ROUNDS = 60
 
 
-def regressed(
+def regress(
     unknowns: Unknowns, jumps: Jumps, stops: NDArray[np.int64], rate: float
 ) -> tuple[Array, float, float]:
     """Return alpha of both stops, the grip and the gap from flights that cross the gap."""

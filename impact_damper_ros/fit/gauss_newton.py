@@ -36,7 +36,7 @@ _LEAST_DAMPING, _FIRST_DAMPING = 1e-11, 1e-9
 _GIVE = 1e-13
 
 
-class Solution(NamedTuple):
+class FitSolution(NamedTuple):
     """
     Where Gauss-Newton ended.
 
@@ -75,7 +75,7 @@ class System:
         scale = np.sqrt(squares + 1e-6 * np.bincount(laws.indices, laws.data**2, size))
         scale[scale == 0.0] = 1.0
         self.scale, self._size, self._count = scale, size, count
-        self._rates, self._laws = _scaled(rates, scale), _scaled(laws, scale)
+        self._rates, self._laws = _scale_columns(rates, scale), _scale_columns(laws, scale)
         hessian, below = (self._rates.T @ self._rates).tocoo(), self._laws.tocoo()
         diagonal = damping * (squares / scale**2 + 1e-4)
         both = np.arange(size + count)
@@ -174,13 +174,13 @@ def _band_order(equations: Equations) -> NDArray[np.int64]:
     return np.argsort(keys, kind='stable')
 
 
-def _scaled(rates: sparse.csr_array, scale: Array) -> sparse.csr_array:
+def _scale_columns(rates: sparse.csr_array, scale: Array) -> sparse.csr_array:
     """Return a matrix whose columns are divided by scales."""
     data = rates.data / scale[rates.indices]
     return sparse.csr_array((data, rates.indices, rates.indptr), shape=rates.shape)
 
 
-def _allowed(shooting: Shooting, u: Array) -> bool:
+def _is_allowed(shooting: Shooting, u: Array) -> bool:
     """Return whether instants rise, and stiffness, damping, alpha and gap are positive."""
     shared, states = shooting.parts(u)
     gap = shared[shooting.unknowns.column('gap')]
@@ -191,7 +191,7 @@ def _allowed(shooting: Shooting, u: Array) -> bool:
 
 def solve(
     shooting: Shooting, u: Array, *, soft: float = 0.0, most: int = 30, least_gain: float = 0.02
-) -> Solution:
+) -> FitSolution:
     """
     Minimise the residuals where the conditions hold; `soft` is a deviation of the laws.
 
@@ -217,7 +217,7 @@ def solve(
             step[instants] = np.clip(step[instants], -longest, longest)
             for part in _PARTS:
                 tried = u + part * step
-                if _allowed(shooting, tried):
+                if _is_allowed(shooting, tried):
                     other = _merit(*shooting.residual(tried, soft))
                     if other <= merit * (1.0 + 1e-9):
                         taken = tried, other
@@ -243,7 +243,7 @@ def solve(
         u = u.copy()
         u[grip] = 0.0
         return solve(shooting, u, most=most, least_gain=least_gain)
-    return Solution(u, equations, settled)
+    return FitSolution(u, equations, settled)
 
 
 def _merit(residual: Array, condition: Array) -> float:
@@ -251,7 +251,7 @@ def _merit(residual: Array, condition: Array) -> float:
     return float(np.sum(residual**2) + _WEIGHT * np.sum(condition**2))
 
 
-def gains_of_release(shooting: Shooting, solution: Solution) -> Array:
+def gains_of_release(shooting: Shooting, solution: FitSolution) -> Array:
     """
     Return by how much the sum of squares would fall if the laws of one flight did not hold.
 

@@ -3,7 +3,7 @@
 A measured motion of the primary mass M: the one record that every reader returns.
 
 Files come in by `read_table_motion`, messages of a bag or of a live topic by `recorded_motion`.
-Both end in `prepared`, which leaves out what is no sample, puts in what is missing, masks what is
+Both end in `prepare`, which leaves out what is no sample, puts in what is missing, masks what is
 saturated, and finds the impacts.
 """
 
@@ -49,7 +49,7 @@ from impact_damper_ros.measured.table import (
     odd_step,
 )
 from impact_damper_ros.parameters.base_motion import quantity_of
-from impact_damper_ros.parameters.quoting import as_line, counted, shown
+from impact_damper_ros.parameters.quoting import as_line, plural, shown
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -109,7 +109,7 @@ class MeasuredMotion(NamedTuple):
         kept = (self.time >= start) & (self.time <= end)
         if kept.sum() < LEAST_SAMPLES:
             raise ValueError(
-                f'{self.source}: {counted(int(kept.sum()), "sample")} from {start:g} to {end:g} '
+                f'{self.source}: {plural(int(kept.sum()), "sample")} from {start:g} to {end:g} '
                 f's: give a longer part of {self.time[0]:g} to {self.time[-1]:g} s'
             )
         times = self.impact_times
@@ -183,7 +183,7 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     force, base = (columns.get(name) for name in ('force', 'base'))
     there = np.empty(0) if base is None else base.values[np.isfinite(base.values)]
     moving = len(there) > 0 and there.min() < there.max()
-    return prepared(
+    return prepare(
         MeasuredMotion(
             time=time,
             motion=columns['motion'].values,
@@ -333,7 +333,7 @@ def _stand_ins(values: Array, factor: float) -> Mask:
     return found
 
 
-def _held(values: Array) -> int:
+def _repeats_of_values(values: Array) -> int:
     """Return how many rows have each value, of a channel that is sampled less often than rows."""
     change = np.flatnonzero(np.diff(values) != 0.0) + 1
     for many in range(_MOST_HELD, 1, -1):
@@ -359,7 +359,7 @@ def _filled(
         return data
     if missing.sum() > 0.2 * len(time):
         raise ValueError(
-            f'{data.source}: {counted(int(missing.sum()), "sample")} are missing among '
+            f'{data.source}: {plural(int(missing.sum()), "sample")} are missing among '
             f'{len(time)}: record without gaps'
         )
     # Between rows k and k + 1 are missing[k] more
@@ -382,7 +382,7 @@ def _filled(
         used=used,
         force=spread(data.force),
         base=spread(data.base),
-        source=f'{data.source} ({counted(int(missing.sum()), "missing sample")})',
+        source=f'{data.source} ({plural(int(missing.sum()), "missing sample")})',
     )
 
 
@@ -391,9 +391,9 @@ def _samples(data: MeasuredMotion, factor: float) -> tuple[MeasuredMotion, int]:
     notes = ''
     if (unreal := _stand_ins(data.motion, factor)).any():
         numbers = ' and '.join(f'{x:g}' for x in np.unique(data.motion[unreal] / factor)[:3])
-        notes += f' ({counted(int(unreal.sum()), "sample")} of {numbers} taken for missing)'
+        notes += f' ({plural(int(unreal.sum()), "sample")} of {numbers} taken for missing)'
     motion = np.where(unreal, np.nan, data.motion)
-    many = _held(motion)
+    many = _repeats_of_values(motion)
     rows = np.arange(len(motion))
     if many > 1:
         change = np.flatnonzero(np.diff(motion) != 0.0) + 1
@@ -414,7 +414,7 @@ def _samples(data: MeasuredMotion, factor: float) -> tuple[MeasuredMotion, int]:
     ), many
 
 
-def prepared(
+def prepare(
     data: MeasuredMotion,
     options: ReadingOptions,
     place: Callable[[int], str],
@@ -442,7 +442,7 @@ def prepared(
         cut |= np.abs(np.nan_to_num(data.motion)) >= options.saturation
     source = data.source
     if cut.any():
-        source += f' ({counted(int(cut.sum()), "saturated sample")} not used)'
+        source += f' ({plural(int(cut.sum()), "saturated sample")} not used)'
     if data.quantity == 'acceleration' and cut.any():
         # What comes out of saturation may be late
         cut[1:] |= cut[:-1].copy()
@@ -459,7 +459,7 @@ def prepared(
         within = np.sort(times[(times >= low) & (times <= high)])
         if len(times) and not len(within):
             raise ValueError(
-                f'{name}: none of {counted(len(times), "impact time")} from {times.min():.6g} to '
+                f'{name}: none of {plural(len(times), "impact time")} from {times.min():.6g} to '
                 f'{times.max():.6g} s is within {low:.6g} to {high:.6g} s: give both the same '
                 'clock'
             )

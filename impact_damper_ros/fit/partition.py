@@ -99,7 +99,7 @@ def _sums(record: Record, vibration: Vibration, first: int, end: int) -> Array:
     return np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
 
 
-def _left(sums: Array) -> Array:
+def _squares_left(sums: Array) -> Array:
     """Return the sum of squares that the best vibration leaves, of sums over stretches."""
     yy, yc, ys, cc, cs, ss = sums
     det = cc * ss - cs * cs
@@ -123,7 +123,7 @@ def partition(
     edges = [n]
     while edges[-1] > 0:
         edges.append(int(came[edges[-1]]))
-    return _joined(record, vibration, deviation, cuts, np.array(edges[::-1]))
+    return _join(record, vibration, deviation, cuts, np.array(edges[::-1]))
 
 
 def least_cost(record: Record, vibration: Vibration, deviation: float, penalty: float) -> float:
@@ -148,7 +148,7 @@ def _cheapest(
         padded = np.concatenate([sums, np.repeat(sums[:, -1:], longest, axis=1)], axis=1)
         rows = last - first
         windows = sliding_window_view(padded, longest + 1, axis=1)[:, :rows]
-        table = _left(windows[:, :, 1:] - windows[:, :, :1]) / deviation**2
+        table = _squares_left(windows[:, :, 1:] - windows[:, :, :1]) / deviation**2
         for k in range(first, last):
             size = min(longest, n - k)
             through = table[k - first, :size] + (cost[k] + cuts[k])
@@ -159,7 +159,7 @@ def _cheapest(
     return float(cost[n]), came
 
 
-def _joined(
+def _join(
     record: Record, vibration: Vibration, deviation: float, cuts: Array, edges: Edges
 ) -> Edges:
     """Join neighbouring stretches that are one vibration, however long."""
@@ -169,20 +169,20 @@ def _joined(
         sums = _sums(record, vibration, low, high)
         at = middle - low
         parts = [sums[:, -1], sums[:, at], sums[:, -1] - sums[:, at]]
-        whole, left, right = (float(_left(part)) for part in parts)
+        whole, left, right = (float(_squares_left(part)) for part in parts)
         if whole - left - right >= cuts[middle] * deviation**2:
             kept.append(middle)
     return np.array([*kept, edges[-1]])
 
 
-class Stretches(NamedTuple):
+class FreeVibrations(NamedTuple):
     """Free vibrations of the stretches, Re(c exp(root (t - t_first))), and all residuals."""
 
     amplitude: NDArray[np.complex128]
     residual: Array
 
 
-def free_vibrations(record: Record, vibration: Vibration, edges: Edges) -> Stretches:
+def free_vibrations(record: Record, vibration: Vibration, edges: Edges) -> FreeVibrations:
     """Fit the free vibration of each stretch; too short ones have none, and no residual."""
     starts, sizes = edges[:-1], np.diff(edges)
     y = record.motion - vibration.steady(record.time, record.order)
@@ -199,7 +199,7 @@ def free_vibrations(record: Record, vibration: Vibration, edges: Edges) -> Stret
     imaginary = np.where(short, 0.0, (cc * ys - cs * yc) / det)
     residual = w * (y - np.repeat(real, sizes) * c - np.repeat(imaginary, sizes) * s)
     residual[np.repeat(short, sizes)] = 0.0
-    return Stretches(np.where(short, 0.0, real - 1j * imaginary), residual)
+    return FreeVibrations(np.where(short, 0.0, real - 1j * imaginary), residual)
 
 
 def fit_vibration(

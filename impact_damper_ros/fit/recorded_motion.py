@@ -27,7 +27,7 @@ from .measured_motion import (
     NO_OPTIONS,
     MeasuredMotion,
     ReadingOptions,
-    prepared,
+    prepare,
     read_table_motion,
 )
 
@@ -62,7 +62,7 @@ def bag_messages(path: Path, options: ReadingOptions) -> TopicMessages:
     if any(getattr(options, name) for name in named):
         raise ValueError(f'{path}: a bag has no columns: name --topic and --joint')
     reader = RunReader(path)
-    topic, kind = _chosen(reader, options.topic)
+    topic, kind = _topic_of(reader, options.topic)
     wanted = [(topic, kind)]
     wanted += [(beside(topic, 'snapshot'), STRING), (beside(topic, 'impacts'), JOINT_STATE)]
     return TopicMessages(list(reader.records(wanted)), topic, str(path))
@@ -75,7 +75,7 @@ def recorded_rig(messages: TopicMessages) -> RigParameters | None:
     return RigParameters(**parameters_of(commands[0].state['parameters'])) if commands else None
 
 
-def _chosen(reader: RunReader, topic: str) -> tuple[str, str]:
+def _topic_of(reader: RunReader, topic: str) -> tuple[str, str]:
     """Return name and type of the topic of a bag."""
     there = [key for key, found in reader.topics.items() if found.message_count]
     usable = sorted(key for key in there if key[1] in TYPES)
@@ -119,7 +119,7 @@ def series_of(messages: TopicMessages, options: ReadingOptions) -> TopicSeries:
     try:
         found = topic_columns(own)
         names = [head.name for head, _ in found.columns]
-        place = _named(names, options.joint, found)
+        place = _place_of(names, options.joint, found)
     except ValueError as error:
         raise ValueError(f'{source}: {error}') from error
     stamps, base = found.stamps_ns, None
@@ -179,7 +179,7 @@ def motion_of_messages(messages: TopicMessages, options: ReadingOptions) -> Meas
         source=source,
     )
     what = f'{found.noun} {head.name}'
-    return prepared(data, options, lambda row: f'{source}, message {row + 1}', what)
+    return prepare(data, options, lambda row: f'{source}, message {row + 1}', what)
 
 
 def _commands(messages: Sequence[RecordedMessage], topic: str, source: str) -> list[Command]:
@@ -201,7 +201,7 @@ def _impact_times(messages: Sequence[RecordedMessage], topic: str, offset_ns: in
     return (np.unique(np.array(stamps, np.int64)) - offset_ns) / 1e9 if stamps else None
 
 
-def _named(names: Sequence[str], name: str, found: TopicColumns) -> int:
+def _place_of(names: Sequence[str], name: str, found: TopicColumns) -> int:
     """Return the place of a name among those of a topic."""
     if (name or found.usual) in names:
         return names.index(name or found.usual)

@@ -37,7 +37,7 @@ _BROKEN, _TIMES_MEDIAN = 4.0, 5.0
 Problem = Callable[[Course], Shooting]
 
 
-def relaxed(course: Course, problem: Problem, *, timed: bool) -> Course:
+def relax(course: Course, problem: Problem, *, timed: bool) -> Course:
     """Return the course with the laws of m nearly imposed."""
     broken = np.zeros(len(course), bool)  # by the impact at which the flight starts
     weak = np.zeros(len(course), bool)

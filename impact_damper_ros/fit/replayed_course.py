@@ -19,7 +19,7 @@ import numpy as np
 from impact_damper_ros.motion.event import Event, EventKind
 
 from .course import Course, Flags
-from .first_course import matched
+from .first_course import match_times
 from .flight_replay import FlightReplay, Passage, passage
 from .shooting import Shooting
 from .vibration import Array
@@ -255,7 +255,7 @@ class ReplayedCourse:
             damper_velocity,
             np.array([impact.stop for impact in impacts]),
             np.array([impact.begins for impact in impacts]),
-            matched(time, times, max(6.0 * self.shooting.impact_deviation, 1e-9)),
+            match_times(time, times, max(6.0 * self.shooting.impact_deviation, 1e-9)),
         )
         for k, impact in enumerate(impacts[1:]):
             inside = (impact.reversals > rows[k, 0]) & (impact.reversals < rows[k + 1, 0])

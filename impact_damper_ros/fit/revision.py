@@ -17,7 +17,7 @@ import numpy as np
 
 from .contradictions import MOST_GAIN, gains_of, to_release, without_contradictions
 from .course import Course, Flags
-from .gauss_newton import Solution, solve
+from .gauss_newton import FitSolution, solve
 from .relaxation import Problem
 from .replayed_course import Memory, ReplayedCourse
 from .shooting import Shooting
@@ -61,7 +61,7 @@ class Revised(NamedTuple):
 
     course: Course
     shooting: Shooting
-    solution: Solution
+    solution: FitSolution
     gains: Array
     why_cut: dict[int, str]
 
@@ -146,7 +146,7 @@ def _costs(gain: float) -> str:
     return f'its laws cost {gain:.0f} in the sum of squares'
 
 
-def chi_of(shooting: Shooting, solution: Solution) -> float:
+def chi_of(shooting: Shooting, solution: FitSolution) -> float:
     """Return the root of the mean square of the residuals of the data."""
     n = len(shooting.record.time)
     residual = solution.equations.residual[:n]
@@ -162,7 +162,7 @@ def _tolerances(shooting: Shooting) -> tuple[float, float]:
     return max(_SAMPLES * step, _PART * period), _SAME * period
 
 
-def revised(course: Course, problem: Problem) -> Revised:
+def revise(course: Course, problem: Problem) -> Revised:
     """Revise and fit a course until nothing changes, or for `_MOST_ROUNDS` rounds."""
     shooting = problem(course)
     tolerance, same = _tolerances(shooting)
@@ -211,7 +211,7 @@ def revised(course: Course, problem: Problem) -> Revised:
     return kept
 
 
-def unmet(shooting: Shooting, solution: Solution) -> dict[int, float]:
+def unmet(shooting: Shooting, solution: FitSolution) -> dict[int, float]:
     """Return the flight whose laws are met least, to be cut; none if it is no law of m."""
     laws = np.abs(solution.equations.condition)
     flight = int(shooting.law_flights[int(laws.argmax())])

@@ -23,19 +23,19 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
-from .acceptance import LEAST_USED, MOST_CHI, MOST_Z, WRONG_RIG, judged
+from .acceptance import LEAST_USED, MOST_CHI, MOST_Z, WRONG_RIG, judge_fit
 from .candidates import Candidate, Evidence, misreading, wrong_file
 from .course import Course
 from .estimate import Estimate
-from .excitation import ExcitationError, excited
-from .first_course import UnfitRecordError, first_course, offset_of
-from .gauss_newton import Solution, System
+from .excitation import ExcitationError, with_excitation
+from .first_course import UnfitRecordError, clock_offset_of, first_course
+from .gauss_newton import FitSolution, System
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
 from .partition import Record, noise_between, noise_of
 from .record_check import faults_of
-from .relaxation import relaxed
-from .revision import Revised, revised
+from .relaxation import relax
+from .revision import Revised, revise
 from .shooting import Equations, Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
@@ -239,13 +239,13 @@ def fit_rig(
     if measured.quantity == 'acceleration':
         also = [*also, 'bias']
     try:
-        start, remarks = excited(measured, start)
+        start, remarks = with_excitation(measured, start)
     except ExcitationError as error:
-        return _refused(measured, [str(error)])
+        return _refusal(measured, [str(error)])
     began = float(measured.time[0])
     if abs(began) < _FAR or start.multisine_level:
         began = 0.0
-    found = _fitted(_earlier(measured, began), later(start, -began), also, asked)
+    found = _fit(_earlier(measured, began), later(start, -began), also, asked)
     found = found._replace(remarks=[*remarks, *found.remarks])
     return _on_clock(found, began) if began else found
 
@@ -272,7 +272,7 @@ def _on_clock(found: RigFit, began: float) -> RigFit:
     return found._replace(impacts=impacts, flights=flights, rig=rig)
 
 
-def _fitted(
+def _fit(
     measured: MeasuredMotion,
     start: RigParameters,
     also: Sequence[str],
@@ -281,7 +281,7 @@ def _fitted(
     """Fit a rig whose excitation is known, or say what may be wrong."""
     faults = faults_of(measured, start, also)
     if faults:
-        return _refused(measured, faults)
+        return _refusal(measured, faults)
     extras = tuple(name for name in EXTRAS if name in also)
     unknowns = Unknowns(start, 'restitution_2' in also, extras, uncertain)
     record = Record(
@@ -300,31 +300,31 @@ def _fitted(
         try:
             return _fitted_record(measured, record, unknowns, times, noise, least, scan=scan)
         except UnfitRecordError as error:
-            return _refused(measured, [str(error)])
+            return _refusal(measured, [str(error)])
         except ParameterError as error:
-            return _refused(measured, [f'no such rig moves like that (its {error}): {WRONG_RIG}'])
+            return _refusal(measured, [f'no such rig moves like that (its {error}): {WRONG_RIG}'])
         except (RuntimeError, np.linalg.LinAlgError) as error:
             # A matrix without an inverse, or a flight that the engine cannot compute
-            return _refused(
+            return _refusal(
                 measured, [f'the equations of the fit have no unique solution ({error})']
             )
 
-    offset = offset_of(record, start) if 'bias' in extras else 0.0
+    offset = clock_offset_of(record, start) if 'bias' in extras else 0.0
     level = record._replace(motion=record.motion - offset * record.weight)
     if cause := misreading(level, start, noise):
-        return _refused(measured, [cause])
+        return _refusal(measured, [cause])
     found = attempt(scan=False)
-    if found.accepted or _converged(found):
+    if found.accepted or _explains_record(found):
         return found
     if 'force_delay' not in extras and (cause := wrong_file(level, start, noise)):
         return found._replace(reasons=[cause, *found.reasons])
     if 'force_delay' in extras:
         return found
     again = attempt(scan=True)
-    return again if again.accepted or _converged(again) else found
+    return again if again.accepted or _explains_record(again) else found
 
 
-def _converged(found: RigFit) -> bool:
+def _explains_record(found: RigFit) -> bool:
     """Return whether a fit describes enough of the record to say what is wrong with the model."""
     used = sum(flight.used for flight in found.flights)
     return used >= LEAST_USED * max(len(found.flights), 1) and found.chi_squared < MOST_CHI**2
@@ -349,11 +349,11 @@ def _fitted_record(
         return Shooting(record, noise, unknowns, course, times, measured.impact_deviation, masked)
 
     course = first_course(record, unknowns, noise, times, measured.impact_deviation, scan=scan)
-    course = relaxed(course, problem, timed=len(times) > 0)
+    course = relax(course, problem, timed=len(times) > 0)
     noise = max(_noise(problem(course), rough), least)
-    found = revised(course, problem).without_rejected(problem)
+    found = revise(course, problem).without_rejected(problem)
     if not found.course.flies.any():
-        return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
+        return _refusal(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
     # Weights of data and of impact times by the noise that the residuals show
     noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
     found = found.solved(problem)
@@ -365,7 +365,7 @@ def _fitted_record(
         if again:
             few = found.course.flies.mean() < _ENOUGH
             checks = Evidence.of(found.shooting, found.solution, scale).candidates(moved)
-            if doubt := _doubted(checks, unknowns):
+            if doubt := _doubtful_constant(checks, unknowns):
                 # It is what the record says alone
                 uncertain = {**unknowns.uncertain, doubt.name: math.inf}
                 unknowns = unknowns._replace(uncertain=uncertain)
@@ -376,7 +376,7 @@ def _fitted_record(
             elif not few or max(map(abs, moved.values()), default=0.0) < _MOVED:
                 break
             # Flights were left out by constants that are others now
-            found = revised(found.course, problem) if few else found.solved(problem)
+            found = revise(found.course, problem) if few else found.solved(problem)
             known = Knowledge.of(found, scale, moved)
         for _ in range(_MOST_CONSTANTS):
             if not known.moves or found.course.flies.mean() < 0.5:
@@ -388,7 +388,7 @@ def _fitted_record(
         flights = int(found.course.flies.sum())
         found = found.without_rejected(problem)
         if not found.course.flies.any():
-            return _refused(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
+            return _refusal(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
         if found.course.flies.sum() < flights:
             known = Knowledge.of(found, scale, moved)
     # What is fitted is no reason against the model
@@ -399,7 +399,7 @@ def _fitted_record(
     return result._replace(remarks=[*remarks, *result.remarks])
 
 
-def _doubted(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
+def _doubtful_constant(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
     """Return the constant that explains the record better than anything else, within reason."""
     open_checks = [check for check in checks if check.name not in unknowns.uncertain]
     if not open_checks:
@@ -416,7 +416,7 @@ def _noise(shooting: Shooting, otherwise: float) -> float:
     return found if found > 0.0 else otherwise
 
 
-def _refused(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
+def _refusal(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
     """Return a fit of nothing, with the reasons."""
     nothing = np.full(len(measured.time), np.nan)
     return RigFit(
@@ -496,7 +496,7 @@ class Knowledge(NamedTuple):
         )
 
 
-def _free(shooting: Shooting, solution: Solution) -> Equations:
+def _free(shooting: Shooting, solution: FitSolution) -> Equations:
     """Return the equations of a solution in which friction is not held at zero."""
     free = copy.copy(shooting)
     free.frictionless = False
@@ -521,7 +521,7 @@ def _result(
     shared, _ = shooting.parts(u)
     scale = _scale(measured, found)
     parameters, correlations = estimates_of(unknowns, shared, known.covariance, known.names)
-    judgement = judged(found, chi, checks, parameters, correlations)
+    judgement = judge_fit(found, chi, checks, parameters, correlations)
     motion, counts = shooting.motion(u)
     residuals = np.where(counts, measured.motion - motion, np.nan)
     used = residuals[counts]

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from impact_damper_ros.orbits.response import free_response
+from impact_damper_ros.orbits.response import unit_response
 
 from .course import Course
 from .node_motion import NodeMotion
@@ -424,7 +424,7 @@ class Shooting(NodeMotion):
 
 def _rates_of(vibration: Vibration, span: Array, order: int) -> tuple[tuple[Array, Array], Array]:
     """Return derivatives of X, X' or X'' after spans by X and X' before, and by a push."""
-    less, impulse, slope = free_response(vibration.decay, vibration.damped, span)
+    less, impulse, slope = unit_response(vibration.decay, vibration.damped, span)
     square, twice = vibration.stiffness, 2.0 * vibration.decay
     if order == 0:
         return (1.0 + less, impulse), -less / square

@@ -181,7 +181,7 @@ _Basis = Callable[[Array], Array]
 _Filter = Callable[[Array, Array], Array]
 
 
-def _solved(
+def _solve(
     basis: _Basis, motion: Array, used: Mask, start: Array, whitened: _Filter | None = None
 ) -> _Solution:
     """
@@ -358,7 +358,7 @@ def _solved_with_noise(
         if len(left) * (math.log(left @ left) - best.fun) < _CLEAR_NOISE:
             break
         share = math.exp(best.x)
-        solution = _solved(basis, motion, data.used, place, basis.filter(share))
+        solution = _solve(basis, motion, data.used, place, basis.filter(share))
     return solution, share
 
 
@@ -443,7 +443,7 @@ def _parts(data: MeasuredMotion, whole: _Solution) -> list[Part]:
             continue
         time = data.time[inside]
         try:
-            one = _solved(
+            one = _solve(
                 _ring_down_basis(time), data.motion[inside], data.used[inside], whole.place
             )
         except (np.linalg.LinAlgError, ValueError):
@@ -576,21 +576,21 @@ def fit_structure(data: MeasuredMotion) -> StructureFit:
         motion = _filled_motion(data)
         start = np.array([2.0 * math.pi * _peak(motion, data.interval), 0.01])
         tries = [np.array([start[0], zeta]) for zeta in (0.002, 0.01, 0.05)]
-        found = [_solved(basis, data.motion, data.used, place) for place in tries]
+        found = [_solve(basis, data.motion, data.used, place) for place in tries]
         solution = min(found, key=lambda one: one.deviation)
     else:
         drive = _filled_drive(data, drive, kind)
         basis = _Driven(data, drive, kind)
         start = _start_of_sweep(basis, data, drive)
-        solution = _solved(basis, data.motion, data.used, start)
+        solution = _solve(basis, data.motion, data.used, start)
         solution, share = _solved_with_noise(basis, data, solution)
         if share:
             size, peak = basis.noise(solution.place, share), basis.peak(solution.place)
             noises = size, share * size / (peak * abs(float(solution.linear[0])))
-    return _judged(data, kind, solution, noises)
+    return _judge(data, kind, solution, noises)
 
 
-def _judged(
+def _judge(
     data: MeasuredMotion, kind: str, solution: _Solution, noises: tuple[float, float]
 ) -> StructureFit:
     """

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.response import forced_response, free_response
+from impact_damper_ros.orbits.response import forced_response, unit_response
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ class Vibration(NamedTuple):
         self, times: Array, x: Array, velocity: Array, push: Array, spans: Array
     ) -> tuple[Array, Array]:
         """Return X and X' spans after times, from X and X' there, under a constant push."""
-        less, impulse, slope = free_response(self.decay, self.damped, spans)
+        less, impulse, slope = unit_response(self.decay, self.damped, spans)
         forced, forced_rate = forced_response(
             self.decay, self.damped, self.frequencies, spans[..., None]
         )

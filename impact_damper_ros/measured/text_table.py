@@ -21,7 +21,7 @@ from datetime import date
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import plural, shown
 
 from .sheet import CLOCK, FREQUENCY, TIME, Array, Heading, Sheet, TableError, heading
 from .units import si_unit_of
@@ -261,7 +261,7 @@ class Body:
             cells = self._split(line)
             if any(cells[width:]):
                 raise TableError(
-                    f'{self._source}, line {n}: {counted(len(cells), "cell")} below a header of '
+                    f'{self._source}, line {n}: {plural(len(cells), "cell")} below a header of '
                     f'{width}: separate columns by semicolons if numbers have decimal commas'
                 )
             rows.append([*cells, *[''] * (width - len(cells))])

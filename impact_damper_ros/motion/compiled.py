@@ -431,7 +431,7 @@ def _notice(log: logging.Logger, what: str) -> Any:
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
+def _without_collection() -> Iterator[None]:
     """Collect no garbage: a compiler has many objects and little garbage, and is 12 % faster."""
     collects = gc.isenabled()
     gc.disable()
@@ -460,7 +460,7 @@ def compile_elsewhere() -> None:
     _ELSEWHERE.set()
 
 
-def _kept(loop: Any, kinds: tuple[Any, ...]) -> bool:
+def _is_kept(loop: Any, kinds: tuple[Any, ...]) -> bool:
     """Return whether a kernel is kept for arguments of these types, well or damaged."""
     try:
         index = loop._cache._cache_file._load_index()
@@ -505,10 +505,10 @@ def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form:
 
     log = logging.getLogger(__package__)
     loop, kinds = _dispatcher(name), tuple(map(numba.typeof, arguments))
-    if _ELSEWHERE.is_set() and stamp() is not None and not _kept(loop, kinds):
+    if _ELSEWHERE.is_set() and stamp() is not None and not _is_kept(loop, kinds):
         _report(log, what)
         _keep(name, kinds)
-    with _notice(log, what), _uncollected():
+    with _notice(log, what), _without_collection():
         try:
             loop.compile(kinds)
         except OSError as error:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from impact_damper_ros.bag.messages import JOINT_STATE, CdrReader, JointState, decode
 from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import plural, shown
 from impact_damper_ros.rig.order import Order
 
 #: Messages of a topic that are taken where the rig stops; as many wait there.
@@ -60,7 +60,7 @@ def read_stop_command(content: bytes) -> tuple[int, Order]:
         raise TopicCommandError(f'it names {shown(message.name[0])} twice')
     if len(message.position) != count or len(message.velocity) not in (0, count):
         raise TopicCommandError(
-            f'it has {counted(count, "joint")}, {counted(len(message.position), "position")} '
+            f'it has {plural(count, "joint")}, {plural(len(message.position), "position")} '
             f'and {len(message.velocity)} velocities: give one position each, and one '
             'velocity each or none'
         )

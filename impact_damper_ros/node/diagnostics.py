@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 
 from impact_damper_ros.bag.messages import DiagnosticArray, DiagnosticStatus
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.report.formatting import mode_words
 
 from .engine_state import EngineStatus
@@ -186,7 +186,7 @@ class Diagnostics:
         age = '' if now.age_ns is None else f'{now.age_ns * 1e-9:.4f}'
         level, message = OK, 'no commands' if now.age_ns is None else 'commands are carried out'
         if refused:
-            level, message = WARN, f'{counted(refused, "command")} refused: {now.reason}'
+            level, message = WARN, f'{plural(refused, "command")} refused: {now.reason}'
         elif now.awaited and not engine.paused and engine.time_ns == (last.time_ns if last else 0):
             level, message = WARN, f'lock-step waits for a command on {now.awaited}'
         elif now.missed > (last.controller.missed if last else 0):

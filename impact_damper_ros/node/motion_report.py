@@ -18,7 +18,7 @@ from impact_damper_ros.orbits.orbit import PeriodicOrbit, Rhythm
 from impact_damper_ros.orbits.recurrence import MotionKind, Period, Section, find_period
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.theory.prediction import ObservedMotion, Prediction
 from impact_damper_ros.theory.theory_thread import TheoryThread
 
@@ -332,7 +332,7 @@ def _state(theory: TheoryThread, agreement: Agreement) -> tuple[str, bool, str]:
 
 
 def _in_words(rhythm: Rhythm) -> str:
-    impacts, cycles = counted(rhythm.impacts, 'impact'), counted(rhythm.cycles, 'cycle')
+    impacts, cycles = plural(rhythm.impacts, 'impact'), plural(rhythm.cycles, 'cycle')
     return f'{impacts} in {cycles} (stops {",".join(map(str, rhythm.stops))})'
 
 

@@ -9,7 +9,7 @@ from concurrent.futures import wait
 from typing import TYPE_CHECKING, NamedTuple
 
 from impact_damper_ros.bag.rig_topics import RIG_TOPICS, recorded_topics, recording_notes
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 
 from .engine import Engine
 from .publishing import RigPublishers
@@ -103,7 +103,7 @@ class Recorder:
         if writer.error is not None:
             self.error = str(writer.error)
             return f'the recording ended early: {writer.error}'
-        text = f'recorded {counted(writer.message_count, "message")} to {writer.directory}'
+        text = f'recorded {plural(writer.message_count, "message")} to {writer.directory}'
         if writer.dropped:
             text += f'; {writer.dropped} were dropped: {writer.drop_reason}'
         return text

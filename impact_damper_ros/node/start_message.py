@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
-from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.description import describe_rig, frequency_hint
 from impact_damper_ros.parameters.parameters_file import fault_of_file
 from impact_damper_ros.parameters.quoting import named, printable, shown
 
@@ -46,7 +46,7 @@ def start_message(
     measured = [(name, getattr(parameters, name)) for name in ('force_record', 'base_record')]
     lines = [
         f'{node} runs {_pace(parameters.real_time_factor)}',
-        f'rig        {described(parameters.rig)}',
+        f'rig        {describe_rig(parameters.rig)}',
         *(f'measured   {name} {printable(path)}' for name, path in measured if path != 'none'),
         f'parameters {given}',
         f'recording  {f"to {recording}" if recording else "off"}',

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from impact_damper_ros.motion.state import NUMBERS
 from impact_damper_ros.parameters.parameter_spec import whole_number
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import plural, shown
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters, check_rig
 
 from .flights import Machine, machine_of
@@ -99,7 +99,7 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
             period = next((k for k in range(1, _MOST_NAMED) if _whole(k * turns)), 0)
             raise OrbitError(
                 f'the harmonic of {frequency:g} rad/s turns {cycles * turns:.6g} times '
-                f'in {counted(cycles, "cycle")} of the first one, {first:g} rad/s: a periodic '
+                f'in {plural(cycles, "cycle")} of the first one, {first:g} rad/s: a periodic '
                 'motion needs a whole number, give '
                 + (f'a multiple of {period} cycles' if period else 'frequencies in such ratios')
             )

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from impact_damper_ros.parameters.quoting import counted, shown, similar_names
+from impact_damper_ros.parameters.quoting import plural, shown, similar_names
 
 from .arclength import CONVERGED, FARTHER, NEARER
 from .orbit import PeriodicOrbit, stability_of
 from .search import SAME
 from .solution_curve import BranchPoint as BranchPoint, Piece, number_of
-from .solved_orbits import performed
+from .solved_orbits import performed_near
 
 
 class SpecialKind(Enum):
@@ -124,7 +124,7 @@ class SpecialPoint:
             return ''
         there = self._beyond.orbit
         if self.point.curve.performed(self._beyond.value):
-            replaced = performed(there, there.parameters)
+            replaced = performed_near(there, there.parameters)
             there = there if replaced is None else replaced[0]
         change = difference(self.orbit, there)
         if not change and self._change is not None:
@@ -211,7 +211,7 @@ class Branch:
         special = ', '.join(f'{p.kind.value} at {p.value:.6g}' for p in self.special[:4])
         more = f' and {len(self.special) - 4} more' if len(self.special) > 4 else ''
         return (
-            f'<Branch: {counted(len(self.points), "motion")}, {self.name} from {low:.6g} to '
+            f'<Branch: {plural(len(self.points), "motion")}, {self.name} from {low:.6g} to '
             f'{high:.6g}; {special or "no special points"}{more}>'
         )
 

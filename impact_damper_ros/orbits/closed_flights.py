@@ -303,7 +303,7 @@ def vary(problem: Problem, value: float) -> None:
 
 
 @kernel
-def unit_of(problem: Problem, coordinate: int) -> float:
+def unit_of_unknown(problem: Problem, coordinate: int) -> float:
     """Return the unit of an unknown by its coordinate; instants are angles of the force."""
     if coordinate == INSTANT:
         rate: float = problem.sheet[RIG, FIRST_LINE + 1]
@@ -321,7 +321,7 @@ def spread(problem: Problem) -> None:
     count = len(problem.nodes)
     for i in range(coordinates(problem) - 1):
         k = unknowns[i]
-        table[k // 5, k % 5] = problem.sheet[PLACE, i] * unit_of(problem, k % 5)
+        table[k // 5, k % 5] = problem.sheet[PLACE, i] * unit_of_unknown(problem, k % 5)
     period = problem.sheet[UNITS, CYCLES] * _TURN / problem.sheet[RIG, FIRST_LINE + 1]
     for j in range(count):
         span = table[(j + 1) % count, INSTANT] - table[j, INSTANT]
@@ -371,7 +371,7 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         value = after if r == 1 else relative
     if r < _NEED:
         value -= table[j, r]
-    scale = 1.0 / unit_of(problem, r) if r < _NEED else 1.0
+    scale = 1.0 / unit_of_unknown(problem, r) if r < _NEED else 1.0
     if r == 2:
         if not constants.one_sided:
             value += 2.0 * constants.half_gap * (node.last - before.last)
@@ -409,7 +409,7 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         early -= slope * flight[RATE_START + k]
         column = places[UNKNOWN_OF, 5 * last + k]
         if column >= 0:
-            sheet[line, column] += slope * scale * unit_of(problem, k)
+            sheet[line, column] += slope * scale * unit_of_unknown(problem, k)
     if node.kind == IMPACT and r == 1:
         late += slide * flight[RATE_END + 3]
     elif node.kind == IMPACT and r == 3:
@@ -417,11 +417,11 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
     if r == 2 and node.returns:
         early += value / flight[SPAN]
         late -= value / flight[SPAN]
-    unit = unit_of(problem, INSTANT) * scale
+    unit = unit_of_unknown(problem, INSTANT) * scale
     sheet[line, places[UNKNOWN_OF, 5 * last + INSTANT]] += early * unit
     sheet[line, places[UNKNOWN_OF, 5 * j + INSTANT]] += late * unit
     if r < _NEED and places[UNKNOWN_OF, 5 * j + r] >= 0:
-        sheet[line, places[UNKNOWN_OF, 5 * j + r]] -= scale * unit_of(problem, r)
+        sheet[line, places[UNKNOWN_OF, 5 * j + r]] -= scale * unit_of_unknown(problem, r)
 
 
 @kernel
@@ -493,7 +493,7 @@ def longest_part(problem: Problem) -> float:
     table, sheet = problem.table, problem.sheet
     count = len(problem.nodes)
     numbers = problem.places[UNKNOWN_OF]
-    unit = unit_of(problem, INSTANT)
+    unit = unit_of_unknown(problem, INSTANT)
     part = 1.0
     for j in range(count):
         later = sheet[STEP, numbers[5 * ((j + 1) % count) + INSTANT]]

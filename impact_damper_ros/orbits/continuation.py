@@ -53,7 +53,7 @@ from .arguments import OrbitError
 from .branch import CLOSES, END, NONE_NEARBY, POINTS, Branch, SpecialKind, SpecialPoint
 from .orbit import PeriodicOrbit
 from .solution_curve import BranchPoint, Path, SolutionCurve, Steps, range_of
-from .solved_orbits import performed
+from .solved_orbits import performed_near
 
 #: How far a multiplier may be from where it should be at a special point, and at a guess of one.
 _NEAR = 1e-3
@@ -144,7 +144,7 @@ def _performed_beyond(
     It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
     """
     along = curve.along
-    there = performed(point.orbit, point.orbit.parameters)
+    there = performed_near(point.orbit, point.orbit.parameters)
     if there is None or there[0].distance(point.orbit) > 4.0 * along.largest_step:
         return None
     value = point.value

@@ -23,7 +23,7 @@ from impact_damper_ros.motion.compiled import call_kernel
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.parameter_spec import check_kind
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome
@@ -51,7 +51,7 @@ from .flight_integrals import (
 )
 from .flights import Machine, machine_of
 from .multipliers import AWAY, FlightLaws
-from .response import Array, forced_response, free_response
+from .response import Array, forced_response, unit_response
 
 Mask = NDArray[np.bool_]
 
@@ -240,7 +240,7 @@ class Flights:
         start, end = self.rows['time'][[0, -1]] if len(self.rows) else (0.0, 0.0)
         return (
             f'<Flights: {len(self)} from {start:.6g} to {end:.6g} s, '
-            f'{counted(len(self.impacts), "impact")}>'
+            f'{plural(len(self.impacts), "impact")}>'
         )
 
     def __getitem__(self, chosen: slice) -> Flights:
@@ -337,7 +337,7 @@ class Flights:
         decay, damped, stiffness, push, _, moves = (part[index] for part in self.laws)
         share = np.where(moves, 1.0, 1.0 - self.machine.constants.share) / rig.primary_mass
         push = push + share * self.active[index]
-        less, impulse, slope = free_response(decay, damped, tau)
+        less, impulse, slope = unit_response(decay, damped, tau)
         x_0, v_0 = begin['x'] - push / stiffness, begin['primary_velocity_after']
         x = begin['x'] + x_0 * less + v_0 * impulse
         velocity = slope * v_0 - stiffness * impulse * x_0
@@ -462,8 +462,8 @@ class Flights:
         friction = grip * float(np.abs(rise[~self.together[:-1]]).sum())
         air = rig.air_force * float(np.sum(AWAY[self.stop[:-1]] * rise))
         hits = rows[1:]
-        primary = _lost(hits, 'primary', rig.primary_mass)
-        both = primary + _lost(hits, 'damper', rig.damper_mass)
+        primary = _loss_of(hits, 'primary', rig.primary_mass)
+        both = primary + _loss_of(hits, 'damper', rig.damper_mass)
         impact = hits['kind'] == EventKind.IMPACT
         integrals = Integrals(
             covered,
@@ -522,7 +522,7 @@ class Flights:
         return self.starts[index] + tau, x, velocity, *self.damper(index, tau, x, velocity)
 
 
-def _lost(rows: Events, mass_name: str, mass: float) -> Array:
+def _loss_of(rows: Events, mass_name: str, mass: float) -> Array:
     """Return the kinetic energy that a mass lost in each of some events, J."""
     before, after = rows[f'{mass_name}_velocity_before'], rows[f'{mass_name}_velocity_after']
     # A difference of squares without its cancellation

@@ -57,7 +57,7 @@ from .closed_flights import (
     restitution_at,
     solve_linear,
     spread,
-    unit_of,
+    unit_of_unknown,
     write_equations,
 )
 
@@ -98,7 +98,7 @@ def write_velocities(problem: Problem) -> None:
     sheet, table = problem.sheet, problem.table
     count = len(problem.nodes)
     spread(problem)
-    speed = unit_of(problem, 1)
+    speed = unit_of_unknown(problem, 1)
     for j in range(count):
         last, after = (j - 1 if j > 0 else count - 1), (j + 1) % count
         span = table[j, SPAN]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
 from impact_damper_ros.motion.event import EventKind
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arguments import single_harmonic
@@ -246,7 +246,7 @@ class PeriodicOrbit(Rhythm):
         stops = ','.join(map(str, self.stops[:_SHOWN])) + ',...' * (self.impacts > _SHOWN)
         viable = 'viable' if self.viable else f'not viable: {self.reason}'
         return (
-            f'<PeriodicOrbit: stops {stops} in {counted(self.cycles, "cycle")}, '
+            f'<PeriodicOrbit: stops {stops} in {plural(self.cycles, "cycle")}, '
             f'{self.stability}, {viable}; largest |X| {self.x_max:.6g} m>'
         )
 

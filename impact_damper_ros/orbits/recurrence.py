@@ -269,7 +269,7 @@ class Period:
         return recent / (1.0 - self.factor)
 
 
-def _compared(section: Section, cycles: int, tolerance: float, floor: float) -> Period | None:
+def _compare(section: Section, cycles: int, tolerance: float, floor: float) -> Period | None:
     """Return the last periods of that many cycles, if at least two of them are alike."""
     rows = section.rows_in(cycles)
     late = abs(section.phase[-1 - rows] - (section.phase[-1] - cycles))
@@ -341,7 +341,7 @@ def find_period(
     for cycles in range(1, longest + 1):
         if 2 * cycles > span + 0.5:
             break
-        period = _compared(section, cycles, tolerance, floor)
+        period = _compare(section, cycles, tolerance, floor)
         if period is None or period.grows:
             continue
         parts = [levels[k] for k in levels if cycles % k == 0]

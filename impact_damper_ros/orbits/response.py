@@ -19,7 +19,7 @@ _LOST = 500.0
 Array = NDArray[np.float64]
 
 
-def free_response(
+def unit_response(
     decay: Array | float, damped: Array | float, spans: Array
 ) -> tuple[Array, Array, Array]:
     """

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.parameters.parameter_spec import as_float, whole_number
-from impact_damper_ros.parameters.quoting import counted, shown
+from impact_damper_ros.parameters.quoting import plural, shown
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, check_rig
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.rig.rig import Rig
@@ -120,7 +120,7 @@ def cycles_of(flights: Flights) -> Cycles:
     return Cycles(flights.starts[index] + high, velocity)
 
 
-def released(parameters: RigParameters, amplitude: float, phase: float) -> InitialConditions:
+def release_start(parameters: RigParameters, amplitude: float, phase: float) -> InitialConditions:
     """
     Return the start of a ring-down: m is let go at a phase of a vibration of M that carries it.
 
@@ -169,8 +169,8 @@ class RingDown:
     def __repr__(self) -> str:
         """Return the ring-downs in a line."""
         return (
-            f'<RingDown: {counted(len(self.loss), "cycle")} of '
-            f'{counted(len(self.runs), "release")}, from {self.amplitude:.6g} m down>'
+            f'<RingDown: {plural(len(self.loss), "cycle")} of '
+            f'{plural(len(self.runs), "release")}, from {self.amplitude:.6g} m down>'
         )
 
     @cached_property
@@ -375,7 +375,7 @@ def ring_down(
     )
     runs = []
     for k in range(releases):
-        start = released(free, amplitude, math.tau * k / releases)
+        start = release_start(free, amplitude, math.tau * k / releases)
         parts = list(_parts(Rig(free, start), amplitude, most_cycles))
         time, velocity = (
             np.concatenate([getattr(part, name) for part in parts])

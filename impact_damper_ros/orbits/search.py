@@ -281,7 +281,7 @@ def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | Non
         yield from _settled_near(rig, orbit.instants[0], cycles)
 
 
-def _repeated(
+def _repeat(
     parameters: RigParameters, stops: tuple[int, ...], cycles: int, starts: int | None
 ) -> Iterator[PeriodicOrbit]:
     """Yield the motions of which some periods have these stops, as before a period doubling."""
@@ -340,7 +340,7 @@ def _followed_orbits(
     if simulate:
         orbits += settled_orbits(parameters, cycles)
         left = _distinct([*present, *orbits], stops)
-        for orbit in (*left, *_repeated(parameters, stops, cycles, starts)):
+        for orbit in (*left, *_repeat(parameters, stops, cycles, starts)):
             if orbit.viable and orbit.unstable:
                 orbits += _left_for(orbit, cycles)
     return orbits

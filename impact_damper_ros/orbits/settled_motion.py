@@ -12,7 +12,7 @@ import numpy as np
 
 from impact_damper_ros.motion.event import EVENT_TYPE, Event, EventKind, events_of_table
 from impact_damper_ros.parameters.parameter_spec import check_kind, whole_number
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome
@@ -164,9 +164,9 @@ class SettledMotion:
         """Return the motion in a line."""
         text = f'<SettledMotion: {self.kind.value}'
         if self.rhythm is not None:
-            text += f', {counted(self.rhythm.impacts, "impact")} in '
-            text += counted(self.rhythm.cycles, 'cycle')
-        text += f' after {counted(self.cycles, "cycle")}; largest |X| {self.x_max:.6g} m'
+            text += f', {plural(self.rhythm.impacts, "impact")} in '
+            text += plural(self.rhythm.cycles, 'cycle')
+        text += f' after {plural(self.cycles, "cycle")}; largest |X| {self.x_max:.6g} m'
         return f'{text}; {self.reason}>' if self.reason else f'{text}>'
 
     @property

@@ -553,22 +553,22 @@ class SolutionCurve:
     def between(self, here: BranchPoint, there: BranchPoint) -> list[BranchPoint]:
         """Return the special points between two points, as `arclength.add_special_points`."""
         if self._own:
-            return self._located(here, there)
+            return self._locate(here, there)
         tests = [VIABLE, FOLD, DOUBLING, TORUS, BRANCHING]
         if not (here.row[tests] * there.row[tests] < 0.0).any():
             return []
         self._lay_path(0.5 * (here.value + there.value))
-        points = self._located(here, there)
+        points = self._locate(here, there)
         # Each again, where the path is tangent to that of the rigs there
         for _ in range(_AGAIN):
             for k, point in enumerate(points):
                 self._lay_path(point.value)
-                closer = self._located(here, there)
+                closer = self._locate(here, there)
                 alike = (p for p in closer if p.row[KIND] == point.row[KIND])
                 points[k] = min(alike, key=partial(_apart, point), default=point)
         return points
 
-    def _located(self, here: BranchPoint, there: BranchPoint) -> list[BranchPoint]:
+    def _locate(self, here: BranchPoint, there: BranchPoint) -> list[BranchPoint]:
         trace = self._traces.setdefault(1, self.problem.trace_of(1))
         trace[0], trace[1] = here.row, there.row
         in_order = self._in_order(there.value)

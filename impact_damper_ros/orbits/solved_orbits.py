@@ -270,11 +270,11 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
 
 def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
     """Return the motion that Newton's method leads to from a guess, if the rig can perform it."""
-    reached = _solved(parameters, guess, cycles)
+    reached = _solve(parameters, guess, cycles)
     return None if reached is None else reached[0]
 
 
-def _solved(
+def _solve(
     parameters: RigParameters, guess: Guess, cycles: int
 ) -> tuple[PeriodicOrbit, Guess] | None:
     """Return the same with its nodes, states and instants."""
@@ -298,12 +298,12 @@ def _counted_as(orbit: PeriodicOrbit, other: PeriodicOrbit | None) -> PeriodicOr
     return None if turned is None else turned[0]
 
 
-def performed(
+def performed_near(
     orbit: PeriodicOrbit, parameters: RigParameters
 ) -> tuple[PeriodicOrbit, Guess] | None:
     """Return the motion near a solution, with the same stops, that a rig performs, or None."""
     guess = _guess_performed(orbit, parameters)
-    reached = None if guess is None else _solved(parameters, guess, orbit.cycles)
+    reached = None if guess is None else _solve(parameters, guess, orbit.cycles)
     if reached is None:
         return None
     counted = _counted_as(orbit, reached[0])
@@ -320,7 +320,7 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     guess = guess_on(orbit)
     other = None if guess is None else solved(parameters, guess, orbit.cycles)
     counted = _counted_as(orbit, other)
-    if counted is None and (there := performed(orbit, parameters)) is not None:
+    if counted is None and (there := performed_near(orbit, parameters)) is not None:
         counted = there[0]
     return counted
 

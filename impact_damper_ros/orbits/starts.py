@@ -99,7 +99,7 @@ class ImpactEquations:
         return np.stack([x, speed * place[:, 1], 0.0 * x, speed * place[:, 2]], axis=-1)
 
 
-def _found(equations: ImpactEquations, first: int, end: int, points: int = 0) -> Array:
+def _find(equations: ImpactEquations, first: int, end: int, points: int = 0) -> Array:
     """Return the starts of a part of the scan, as places."""
     problem, room = equations.problem, _ROOM
     while True:
@@ -136,7 +136,7 @@ def _with_constant_restitution(equations: ImpactEquations) -> list[ImpactEquatio
     ]
 
 
-def _solved(equations: ImpactEquations, starts: Array) -> list[Solution]:
+def _solve(equations: ImpactEquations, starts: Array) -> list[Solution]:
     """Return the solutions that Newton's method leads to from places."""
     solutions = (equations.problem.solve_from(start) for start in starts)
     return [solution for solution in solutions if solution is not None]
@@ -165,19 +165,19 @@ def few_impact_roots(equations: ImpactEquations) -> list[Solution]:
     start of Newton's method. Where R falls with the speed, the scans are of rigs with constant R.
     """
     rigs = _with_constant_restitution(equations)
-    return _solved(equations, np.concatenate([_starts_of(one) for one in rigs]))
+    return _solve(equations, np.concatenate([_starts_of(one) for one in rigs]))
 
 
 def _starts_of(equations: ImpactEquations) -> Array:
     """Return all starts with one or two impacts in a period, of a constant R."""
     if equations.impacts == 1:
-        return _found(equations, 0, 0)
+        return _find(equations, 0, 0)
     ratio = max(1.0, equations.parameters.omega / equations.frequency)
     points = min(_MOST_POINTS, math.ceil(_POINTS_PER_CYCLE * equations.cycles * ratio))
     end = points + 24
-    starts = [_found(equations, 0, -1)] if _is_symmetric(equations) else []
+    starts = [_find(equations, 0, -1)] if _is_symmetric(equations) else []
     starts += [
-        _found(equations, first, min(first + _PART + 2, end), points)
+        _find(equations, first, min(first + _PART + 2, end), points)
         for first in range(0, end - 2, _PART)
     ]
     return np.concatenate(starts)
@@ -242,5 +242,5 @@ def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Sol
     for s in np.flatnonzero(close):
         place = np.concatenate([phases[s], places[s, :, 0]])
         keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
-    solutions = _solved(equations, unknowns[list(keys.values())])
+    solutions = _solve(equations, unknowns[list(keys.values())])
     return solutions, int((residuals <= REACHED).sum())

@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
-from .frames import View
+from .frames import PageView
 from .requests import RequestError, check_request, identity_of, read_json
 from .source import Source
 
@@ -51,7 +51,7 @@ class Client:
         self, sink: WebSocketHandler, source: Source, handle: Handler, *, steers: bool = True
     ) -> None:
         self.source = source
-        self.view = View()
+        self.view = PageView()
         self._sink = sink
         self._handle = handle
         self._steers = steers
@@ -117,9 +117,9 @@ class Client:
             self.close()
             return
         self._since = time.monotonic()
-        self._last.add_done_callback(self._written)
+        self._last.add_done_callback(self._after_write)
 
-    def _written(self, write: asyncio.Future[Any]) -> None:
+    def _after_write(self, write: asyncio.Future[Any]) -> None:
         if not write.cancelled() and write.exception() is not None:
             self.close()
 
@@ -167,7 +167,7 @@ class Client:
         window, rate = message['window'], message['rate']
         # A page that has a longer window already has all of a shorter one.
         if window > self.view.window:
-            self.view = View(window)
+            self.view = PageView(window)
         self._period = 0.0 if rate >= _MOST_RATE else 1.0 / max(rate, 0.1)
         # A page that comes into view is not shown what it was a second ago.
         self._due = 0.0

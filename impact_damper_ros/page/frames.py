@@ -80,7 +80,7 @@ class _Sent:
         return parts
 
 
-class View:
+class PageView:
     """
     What one page shows of a motion, and the part that the page has already.
 

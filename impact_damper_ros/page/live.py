@@ -28,14 +28,14 @@ from impact_damper_ros.replay.command import parse_snapshot
 from impact_damper_ros.replay.rows import Messages
 from impact_damper_ros.rig.snapshot import Snapshot, present
 
-from .frames import PAUSED, View
+from .frames import PAUSED, PageView
 from .knobs import as_json, first_knobs, knobs_of, read_values
 from .motion import ForcePhase, Motion, Stretch
 from .numbers import numbers_of
 from .presets import change_between, preset_with
 from .requests import RequestError
 from .source import Source
-from .structure import FieldError, designed, note_on, settings_of, structure_of
+from .structure import FieldError, design_of, note_on, rig_settings_of, structure_of
 
 if TYPE_CHECKING:
     from .ros_client import RigLink
@@ -121,14 +121,14 @@ class LiveRig(Source):
         """Return the present state."""
         return [self._status(), self._diagnostics(), *self._numbers(), *self.theory.values()]
 
-    def frame(self, view: View) -> bytes | None:
+    def frame(self, view: PageView) -> bytes | None:
         """Return a frame with what is new; None if nothing is."""
-        end = self._shown()
+        end = self._instant_to_show()
         if math.isnan(end):
             return None
         return view.frame(self.motion, end, self._epoch, PAUSED if self._paused else 0)
 
-    def _shown(self) -> float:
+    def _instant_to_show(self) -> float:
         """Return the instant to show: of a slow rig one between its last two samples, s."""
         factor = self.values.get('real_time_factor', 1.0)
         times = self.motion.samples[-2:, 0]
@@ -138,11 +138,11 @@ class LiveRig(Source):
 
     def _numbers(self) -> list[dict[str, Any]]:
         return [
-            {**numbers_of(s.rig, self.motion, self.motion.end), **self._measured()}
+            {**numbers_of(s.rig, self.motion, self.motion.end), **self._numbers_of_node()}
             for s in self._stretches[-1:]
         ]
 
-    def _measured(self) -> dict[str, Any]:
+    def _numbers_of_node(self) -> dict[str, Any]:
         """Return the numbers that the node measures itself, as `/diagnostics` has them."""
         report = self._reports.get('measured motion')
         values = dict(report.values) if report else {}
@@ -328,10 +328,10 @@ class LiveRig(Source):
 
     def _status(self) -> dict[str, Any]:
         """Return whether the rig runs."""
-        state, text = self._judged()
+        state, text = self._judge()
         return {'type': 'status', 'state': state, 'text': text, 'time': as_json(self.motion.end)}
 
-    def _judged(self) -> tuple[str, str]:
+    def _judge(self) -> tuple[str, str]:
         silence = self.link.silence
         if self._foreign:
             return 'other_version', (
@@ -355,7 +355,7 @@ class LiveRig(Source):
         return 'running', ''
 
     def _send_status(self) -> None:
-        now, judged = time.monotonic(), self._judged()
+        now, judged = time.monotonic(), self._judge()
         # A longer silence alone is not reported again.
         sent = self._status_sent
         news = judged[0] != sent[0] or (judged[0] != 'gone' and judged != sent)
@@ -422,11 +422,11 @@ class LiveRig(Source):
         """Return the best damper of a structure, and the parameters of both."""
         try:
             rig = structure_of(typed)
-            answer = await asyncio.to_thread(designed, rig)
+            answer = await asyncio.to_thread(design_of, rig)
         except FieldError as error:
             return {'ok': False, 'reason': str(error), 'field': error.field}
         note = note_on(rig, self.values.get('state_rate', math.inf))
-        values = as_json(settings_of(rig, answer['gap']))
+        values = as_json(rig_settings_of(rig, answer['gap']))
         return {
             'ok': True,
             'reason': '',

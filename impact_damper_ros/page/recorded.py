@@ -26,7 +26,7 @@ from impact_damper_ros.replay import Command, RecordedRun, Rows
 from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.theory.documents import answers
 
-from .frames import PAUSED, View
+from .frames import PAUSED, PageView
 from .knobs import as_json, knobs_of, read_values
 from .motion import MOST_IMPACTS, MOST_SAMPLES, ForcePhase, Motion, Stretch, measured_rows
 from .numbers import numbers_of
@@ -46,7 +46,7 @@ _STEPS = {'step': 'sample', 'step_to_impact': 'impact'}
 _KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 
 
-class RecordedStretch(NamedTuple):
+class RecordedSetting(NamedTuple):
     """The rig from one change to the next."""
 
     state: dict[str, Any]  # of its snapshot
@@ -79,9 +79,9 @@ class Recording:
         """Return the number of the stretch at an instant."""
         return max(int(np.searchsorted(self.times, time, side='right')) - 1, 0)
 
-    def stretch(self, number: int) -> RecordedStretch:
+    def stretch(self, number: int) -> RecordedSetting:
         """Return a stretch by its number."""
-        return RecordedStretch(*json.loads(zlib.decompress(self.packed[number])))
+        return RecordedSetting(*json.loads(zlib.decompress(self.packed[number])))
 
 
 def load_recording(path: Path) -> Recording:
@@ -122,7 +122,7 @@ def load_recording(path: Path) -> Recording:
             break
     if not len(motion.samples):
         raise ValueError(f'{path.name} holds no joint states of a rig')
-    motion.add_measured(_measured(run, offsets))
+    motion.add_measured(_measurements(run, offsets))
     if run.run_count > 1:
         remarks.append(f'the node was restarted: run 1 of {run.run_count} is shown')
     if not run.reader.complete:
@@ -131,7 +131,7 @@ def load_recording(path: Path) -> Recording:
     return Recording(motion, changes, '; '.join(remarks), packed, times)
 
 
-def _measured(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.float64]:
+def _measurements(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.float64]:
     """Return what the sensors measured, given from which stamp on rig time 0 has which stamp."""
     topic = run.reader.custom.get('measurements') or f'{run.topics.namespace}measurements'
     contents: list[bytes] = []
@@ -253,7 +253,7 @@ class Player(Source):
         if time.monotonic() >= self._status_at + _STATUS_PERIOD_S:
             self._send_status()
 
-    def frame(self, view: View) -> bytes | None:
+    def frame(self, view: PageView) -> bytes | None:
         """Return a frame with what is new; None if nothing is."""
         now, flags = self.time, 0 if self._playing else PAUSED
         ghost = self._ghost.motion if self._ghost is not None else None

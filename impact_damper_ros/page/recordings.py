@@ -104,7 +104,7 @@ class Recordings:
         described = {}
         for path in self._bags():
             files, known = _state_of(path), self._known.get(path)
-            described[path] = known if known and known[0] == files else (files, _described(path))
+            described[path] = known if known and known[0] == files else (files, _description(path))
         self._known = described
         return [entry for _, entry in described.values()]
 
@@ -183,7 +183,7 @@ def _state_of(path: Path) -> object:
     return None
 
 
-def _described(path: Path) -> dict[str, Any]:
+def _description(path: Path) -> dict[str, Any]:
     found: dict[str, Any] = {
         'name': printable(path.name),
         'start': None,

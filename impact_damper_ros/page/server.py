@@ -24,7 +24,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.run_reader import bag_files
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 
 from .client import LONGEST_MESSAGE, STALLED_S, Client
 from .gate import Gate
@@ -241,7 +241,7 @@ class PageServer:
         """Open a page on a rig or a recording; raise a RequestError if that is not possible."""
         if len(self._clients) + self._opening >= _MOST_PAGES:
             raise RequestError(
-                f'{counted(_MOST_PAGES, "page")} open already: close one, and reload this one'
+                f'{plural(_MOST_PAGES, "page")} open already: close one, and reload this one'
             )
         self._opening += 1
         try:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from impact_damper_ros import __version__
 
-from .frames import LAYOUT, View
+from .frames import LAYOUT, PageView
 from .requests import RequestError
 
 #: What the page shows as long as a part of the theory is not known.
@@ -78,7 +78,7 @@ class Source:
     def tick(self) -> None:
         """Take in what is new; 60 times a second."""
 
-    def frame(self, view: View) -> bytes | None:
+    def frame(self, view: PageView) -> bytes | None:
         """Return a frame with what is new; None if nothing is."""
         del view
         return None

@@ -106,7 +106,7 @@ def structure_of(typed: Mapping[str, Any]) -> RigParameters:
         raise FieldError('size', str(error)) from None
 
 
-def designed(rig: RigParameters) -> dict[str, float]:
+def design_of(rig: RigParameters) -> dict[str, float]:
     """Return what the page shows of the best damper of a rig, SI units; or raise a FieldError."""
     if not has_numba():
         raise FieldError('mass', 'A design runs many rigs, compiled: pip install "numba>=0.59".')
@@ -138,7 +138,7 @@ def designed(rig: RigParameters) -> dict[str, float]:
     }
 
 
-def settings_of(rig: RigParameters, gap: float) -> dict[str, Any]:
+def rig_settings_of(rig: RigParameters, gap: float) -> dict[str, Any]:
     """Return the parameters of a rig with a gap, of a control and of a start that suit it."""
     rounded = {name: float(f'{getattr(rig, name):.7g}') for name in ('stiffness', 'damping')}
     there = rig.replace(gap=float(f'{gap:.4g}'), **rounded)

@@ -44,7 +44,7 @@ class WhatIfMotion:
         self._report('computing')
 
     def _compute(self, path: Path) -> None:
-        for part in _computed(path, self._values):
+        for part in _compute_run(path, self._values):
             if self._closed:
                 break
             self._parts.put(part)
@@ -82,7 +82,7 @@ class WhatIfMotion:
         self._closed = True
 
 
-def _computed(path: Path, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _compute_run(path: Path, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     """Run the rig; yield impacts, samples, and at last how it started and what both amount to."""
     try:
         replay = Replay(RecordedRun(path))

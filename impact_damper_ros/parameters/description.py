@@ -13,7 +13,7 @@ from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 _NEAR = 1.25
 
 
-def described(rig: RigParameters) -> str:
+def describe_rig(rig: RigParameters) -> str:
     """
     Return natural frequency, damping, force and gap of a rig in a line.
 
@@ -92,7 +92,7 @@ def _force(rig: RigParameters) -> Iterator[str]:
     ]
     if rig.sweep_mode != 'off' and drives:
         amplitude, _ = drives.pop(0)
-        yield f'force {abs(amplitude):.4g} N, {_stepped(rig)}'
+        yield f'force {abs(amplitude):.4g} N, {_sweep_text(rig)}'
     for amplitude, frequency in drives[:1]:
         at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s), {_share(rig, frequency)}'
         yield f'force {abs(amplitude):.4g} N {at if frequency else "with frequency 0"}'
@@ -110,7 +110,7 @@ def _force(rig: RigParameters) -> Iterator[str]:
         yield 'no force'
 
 
-def _stepped(rig: RigParameters) -> str:
+def _sweep_text(rig: RigParameters) -> str:
     low, high = rig.sweep_low, rig.sweep_high
     rate = f', {rig.sweep_rate:.4g} octaves a minute' if rig.sweep_rate else ''
     notched = ', notched' if any(factor != 1.0 for factor in rig.sweep_notch_factors) else ''
@@ -133,7 +133,7 @@ def _base(rig: RigParameters) -> Iterator[str]:
         }[rig.base_quantity]
         at = f'at {_hertz(frequency)} ({frequency:.4g} rad/s), {_share(rig, frequency)}'
         if rig.sweep_mode != 'off' and not any(rig.force_amplitudes):
-            at = _stepped(rig)
+            at = _sweep_text(rig)
         yield f'base moved by {size} {at}'
     if len(lines) > 1:
         yield f'and {len(lines) - 1} line{"s" if len(lines) > 2 else ""} more of the base'

@@ -16,7 +16,7 @@ _MASK = (1 << 64) - 1
 _GOLDEN = 0x9E3779B97F4A7C15
 
 
-def mixed(word: int) -> int:
+def mix(word: int) -> int:
     """Return 64 bits that depend on all bits of a word, a step of SplitMix64."""
     word = (word + _GOLDEN) & _MASK
     word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
@@ -40,5 +40,5 @@ def multisine(
 
 def random_phases(count: int, seed: int) -> tuple[float, ...]:
     """Return random phases, rad: the sequence of SplitMix64 from a seed on."""
-    bits = (mixed(seed + k * _GOLDEN) for k in range(count))
+    bits = (mix(seed + k * _GOLDEN) for k in range(count))
     return tuple(tau * ((word >> 11) * 2.0**-53) for word in bits)

@@ -322,20 +322,20 @@ _KINDS: dict[type, Kind] = {
 
 def number(default: Any, low: float, high: float, unit: str, description: str, **more: Any) -> Any:
     """Declare a number, a whole number or a list of numbers, as its default is."""
-    return _declared(default, description, low, high, unit=unit, **more)
+    return _declare(default, description, low, high, unit=unit, **more)
 
 
 def text(default: str, choices: tuple[str, ...], description: str, **more: Any) -> Any:
     """Declare a text; one of some choices, if there are any."""
-    return _declared(default, description, choices=choices, **more)
+    return _declare(default, description, choices=choices, **more)
 
 
 def flag(default: bool, description: str, **more: Any) -> Any:
     """Declare a yes or no."""
-    return _declared(default, description, **more)
+    return _declare(default, description, **more)
 
 
-def _declared(
+def _declare(
     default: Value,
     description: str,
     low: float | None = None,

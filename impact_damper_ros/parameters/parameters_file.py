@@ -141,7 +141,7 @@ def _line(node: Any) -> int:
     return int(node.start_mark.line) + 1
 
 
-def _loaded(text: str | bytes) -> list[Any]:
+def _load(text: str | bytes) -> list[Any]:
     """Return the documents of a YAML text."""
     try:
         return list(yaml.load_all(text, Loader=_Loader))
@@ -169,12 +169,12 @@ def read_yaml(path: Path) -> list[Any]:
             f'is longer than {MOST_BYTES // 10**6} MB, the most that is read: give a file with '
             'the parameters alone'
         )
-    return _loaded(data)
+    return _load(data)
 
 
 def yaml_value(text: str) -> Any:
     """Return a value that is typed as in a parameters file."""
-    values = _loaded(text)
+    values = _load(text)
     if len(values) > 1:
         raise YamlError('has more than one value: give one')
     return values[0] if values else None
@@ -193,13 +193,13 @@ class ParametersFileError(ValueError):
     """A parameters file that cannot be used; the message names file, cause and remedy."""
 
 
-def _flattened(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any]]:
+def _flatten(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any]]:
     """Yield the names of nodes with what stands below them, nested namespaces joined."""
     for key, value in tree.items():
         name = f'{above.removesuffix("/")}/{key}' if above else str(key)
         nested = isinstance(value, dict) and 'ros__parameters' not in value
         if nested and any(isinstance(below, dict) for below in value.values()):
-            yield from _flattened(value, name)
+            yield from _flatten(value, name)
         else:
             yield name, value
 
@@ -208,7 +208,7 @@ def _entries(path: Path) -> list[tuple[str, Any]]:
     """Return the names of nodes in all documents of a file, with what stands below each."""
     try:
         trees = [tree for tree in read_yaml(path) if isinstance(tree, dict)]
-        found = [entry for tree in trees for entry in islice(_flattened(tree), _MOST_NODES)]
+        found = [entry for tree in trees for entry in islice(_flatten(tree), _MOST_NODES)]
     except RecursionError:
         raise YamlError('is nested too deep: write fewer levels') from None
     if not found:
@@ -271,7 +271,7 @@ def _block(key: str, value: Any) -> LineMapping:
     return block
 
 
-def _merged(entries: Iterable[tuple[str, Any]], node: str) -> LineMapping:
+def _merge(entries: Iterable[tuple[str, Any]], node: str) -> LineMapping:
     """
     Return the parameters that entries give a node, as ROS does: of several the last one counts.
 
@@ -294,7 +294,7 @@ def _values(path: Path, node: str) -> LineMapping:
     node = f'/{node.strip("/")}' if node else _rig_among(keys)
     if not any(_is_of(key, node) for key in keys):
         raise ParametersFileError(_missing(node, keys))
-    values = _merged(entries, node)
+    values = _merge(entries, node)
     allowed = [*ALL_SPECS, *STRUCTURE_SPECS, *_ROS_NAMES]
     for name in values:
         if str(name).split('.')[0] not in [*allowed, 'qos_overrides']:
@@ -378,7 +378,7 @@ def values_given(
                 raise ParametersFileError(f'{path}: {error}') from None
     if files and len(idle) == files:
         raise ParametersFileError(idle[0])
-    return _merged(entries, node), idle, list(applied)
+    return _merge(entries, node), idle, list(applied)
 
 
 def load_parameters(

@@ -111,7 +111,7 @@ def named(name: object, longest: int = _LONGEST) -> str:
     return shown(str(name), longest)[1:-1]
 
 
-def counted(count: int, noun: str, form: str = '') -> str:
+def plural(count: int, noun: str, form: str = '') -> str:
     """
     Return a count, formatted as `form` says, with its noun in singular or plural.
 

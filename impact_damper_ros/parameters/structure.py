@@ -76,7 +76,7 @@ _ZETA: dict[str, Callable[[float], float]] = {
 _SAME = 1e-6
 
 
-def _agreed(
+def _common_value(
     target: str, unit: str, meant: Mapping[str, float], given: Mapping[str, Any], own: float | None
 ) -> float:
     """Return the one value that several names mean; raise `ParameterError` if they differ."""
@@ -125,7 +125,7 @@ def resolved(
     if 'natural_frequency' in known:
         rate = 2.0 * math.pi * float(known['natural_frequency'])  # type: ignore[arg-type]
         meant = {'natural_frequency': mass * rate**2}
-        plain['stiffness'] = _agreed('stiffness', ' N/m', meant, values, own('stiffness'))
+        plain['stiffness'] = _common_value('stiffness', ' N/m', meant, values, own('stiffness'))
     stiffness = number('stiffness', plain['stiffness']) if 'stiffness' in plain else stiffness
     scale = 2.0 * math.sqrt(stiffness * mass)
     ratios = {
@@ -134,8 +134,10 @@ def resolved(
         if n in known
     }
     if ratios:
-        plain['damping'] = _agreed('damping', ' N s/m', ratios, values, own('damping'))
+        plain['damping'] = _common_value('damping', ' N s/m', ratios, values, own('damping'))
     if 'mass_ratio' in known:
         meant = {'mass_ratio': mass * float(known['mass_ratio'])}  # type: ignore[arg-type]
-        plain['damper_mass'] = _agreed('damper_mass', ' kg', meant, values, own('damper_mass'))
+        plain['damper_mass'] = _common_value(
+            'damper_mass', ' kg', meant, values, own('damper_mass')
+        )
     return plain

@@ -31,7 +31,7 @@ def newest(upgrades: Sequence[Upgrade]) -> int:
     return 1 + len(upgrades)
 
 
-def upgraded(document: Document, number: object, upgrades: Sequence[Upgrade]) -> Document:
+def upgrade(document: Document, number: object, upgrades: Sequence[Upgrade]) -> Document:
     """
     Return a document of the newest format from one of format `number`.
 

@@ -25,7 +25,7 @@ from impact_damper_ros.bag.messages import JOINT_STATE, STRING, JointStateRows, 
 from impact_damper_ros.bag.rig_topics import IMPACT_JOINTS, JOINTS, PAUSED_FRAME
 from impact_damper_ros.control.act import CONTROL_JOINTS
 from impact_damper_ros.control.own_law import OwnLaw
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 
 from .command import Command, Head, parse_snapshot, read_command, read_head
 from .rows import Messages
@@ -137,7 +137,7 @@ class RecordedRun:
         self._find_runs()
         self.number, self.run_count = number, max(s.run for s in self._snapshots)
         if not 1 <= number <= self.run_count:
-            cause = f'it holds {counted(self.run_count, "run")} of {self.topics.name}, no {number}'
+            cause = f'it holds {plural(self.run_count, "run")} of {self.topics.name}, no {number}'
             raise RecordingError(purpose, path, cause, 'give a number from 1 on as --run')
         first = next(snapshot for snapshot in self._snapshots if snapshot.run == number)
         self.start = self._command(first)

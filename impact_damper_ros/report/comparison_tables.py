@@ -12,7 +12,7 @@ from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.parameters.all_parameters import unit_of
-from impact_damper_ros.parameters.quoting import counted, setting
+from impact_damper_ros.parameters.quoting import plural, setting
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
@@ -56,7 +56,7 @@ def motion_words(stretch: StretchComparison) -> str:
     count, cycles = stretch.impacts_per_period, stretch.cycles
     if not count or not cycles:
         return stretch.kind.value
-    return f'{stretch.kind.value}, {counted(count, "impact")} in {counted(cycles, "cycle")}'
+    return f'{stretch.kind.value}, {plural(count, "impact")} in {plural(cycles, "cycle")}'
 
 
 def overview_table(
@@ -193,7 +193,7 @@ def comparison_table(stretch: StretchComparison) -> Table | None:
         decay = stretch.decay
         whole.append(_pair('decay per period', '', decay.measured, decay.predicted))
         if decay.periods:
-            note += f'The decay is that of {counted(decay.periods, "period")}. '
+            note += f'The decay is that of {plural(decay.periods, "period")}. '
         note += f'At the end the motion is {number(decay.distance, 2)} of its size from the '
         note += f'predicted one; the digits resolve {number(decay.floor, 1)}.'
     names = 'measured', 'predicted', 'difference'
@@ -230,7 +230,7 @@ def ring_down_table(stretch: StretchComparison) -> Table | None:
         ColumnHead('ζ [%]'),
     ]
     note = (
-        f'{counted(len(found.loss), "cycle")} from '
+        f'{plural(len(found.loss), "cycle")} from '
         f'{quantity(found.amplitude, "m", 4)} down; each row is the median of the cycles of about '
         'that amplitude. Ψ = 1 − E₊/E from E = M V²/2 at the upward passages of X through its '
         f'middle, loss factor Ψ/2π. The dashpot alone loses {number(found.dashpot_loss, 4)}'

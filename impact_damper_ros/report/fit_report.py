@@ -14,7 +14,7 @@ from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import RigFit
 from impact_damper_ros.fit.structure import StructureFit
 from impact_damper_ros.parameters.plain import as_plain
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .drawing import page_style
@@ -97,9 +97,7 @@ def _common(found: RigFit) -> bool:
 def _counted_reasons(found: RigFit) -> list[str]:
     """Return why flights were not used, the commonest reason first."""
     why = Counter(flight.why_not for flight in found.flights if not flight.used)
-    return [
-        f'{counted(count, "flight")} not used: {reason}' for reason, count in why.most_common()
-    ]
+    return [f'{plural(count, "flight")} not used: {reason}' for reason, count in why.most_common()]
 
 
 def _whiteness_words(found: RigFit) -> str:
@@ -116,9 +114,9 @@ def _whiteness_words(found: RigFit) -> str:
 def _size(found: RigFit, data: MeasuredMotion) -> str:
     used = sum(flight.used for flight in found.flights)
     return (
-        f'{counted(len(data.time), "sample")} of {data.quantity} from {data.time[0]:.10g} to '
-        f'{data.time[-1]:.10g} s, {counted(len(found.impacts), "impact")}, {used} of '
-        f'{counted(len(found.flights), "flight")} used.'
+        f'{plural(len(data.time), "sample")} of {data.quantity} from {data.time[0]:.10g} to '
+        f'{data.time[-1]:.10g} s, {plural(len(found.impacts), "impact")}, {used} of '
+        f'{plural(len(found.flights), "flight")} used.'
     )
 
 
@@ -304,7 +302,7 @@ def structure_text(found: StructureFit) -> str:
     unit = UNITS[data.quantity]
     lines = [
         data.source,
-        f'{what[found.kind]}: {counted(int(data.used.sum()), "sample")} of {data.quantity} from '
+        f'{what[found.kind]}: {plural(int(data.used.sum()), "sample")} of {data.quantity} from '
         f'{data.time[0]:.10g} to {data.time[-1]:.10g} s',
         '',
         estimate_table(structure_parameters(found)).text('  '),
@@ -342,7 +340,7 @@ def write_structure_report(found: StructureFit, directory: Path, command: str) -
         name=_name(data),
         kicker='frequency and damping of a structure',
         accepted=found.accepted,
-        size=f'{counted(int(data.used.sum()), "sample")} of {data.quantity} from '
+        size=f'{plural(int(data.used.sum()), "sample")} of {data.quantity} from '
         f'{data.time[0]:.10g} to {data.time[-1]:.10g} s.',
         reasons=found.reasons,
         remarks=[],

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from impact_damper_ros.compare import LogVerdict, RunComparison, StretchComparison, Verdict
 from impact_damper_ros.orbits.swept_response import SweptResponse
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.theory.gap_curve import GapCurve
 
@@ -102,7 +102,7 @@ def _sweep_tiles(rig: RigParameters, found: SweptResponse) -> Iterator[tuple[str
 def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
     """Yield the key numbers."""
     measured, orbit, decay = stretch.measured, stretch.predicted, stretch.decay
-    what = counted(stretch.impacts, 'impact')
+    what = plural(stretch.impacts, 'impact')
     if stretch.stops:
         what = f'stops {", ".join(map(str, stretch.stops))}'
     if stretch.response is not None:
@@ -111,7 +111,7 @@ def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
         yield (
             'Impacts per cycle',
             number(most, 3),
-            f'at most; {counted(stretch.impacts, "impact")}',
+            f'at most; {plural(stretch.impacts, "impact")}',
         )
         return
     yield 'Motion', motion_words(stretch), what
@@ -145,7 +145,7 @@ def _findings(stretch: StretchComparison) -> Iterator[str]:
     if (left := len(stretch.differences) - _MOST_FINDINGS) > 0:
         yield f'{left} more, see report.json'
     if stretch.missing_samples:
-        yield f'missing in the log: {counted(stretch.missing_samples, "sample")}'
+        yield f'missing in the log: {plural(stretch.missing_samples, "sample")}'
 
 
 def _pictures(stretch: StretchComparison) -> tuple[list[Shown], list[str]]:
@@ -173,7 +173,7 @@ def _detail(stretch: StretchComparison, before: StretchComparison | None) -> dic
         'sentence': stretch.sentence,
         'extent': (
             f'{instant(stretch.start)} s to {instant(stretch.end)} s of rig time, '
-            f'{counted(stretch.samples, "sample")}, {counted(stretch.impacts, "impact")}; '
+            f'{plural(stretch.samples, "sample")}, {plural(stretch.impacts, "impact")}; '
             f'log {stretch.log.value}'
         ),
         'findings': list(_findings(stretch)),
@@ -211,9 +211,9 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
 def _head(comparison: RunComparison, command: str) -> dict[str, Any]:
     """Return the verdicts on the whole run, and how the report came about."""
     counts = [(v, sum(s.verdict is v for s in comparison.stretches)) for v in Verdict]
-    size = f'{counted(len(comparison.stretches), "stretch")} of constant parameters in '
+    size = f'{plural(len(comparison.stretches), "stretch")} of constant parameters in '
     size += f'{instant(comparison.end - comparison.start)} s, '
-    size += f'{counted(comparison.samples, "sample")} and {counted(comparison.impacts, "impact")}.'
+    size += f'{plural(comparison.samples, "sample")} and {plural(comparison.impacts, "impact")}.'
     checked = f'Checked: {comparison.log.text}.'
     if comparison.log.unchecked:
         checked += f' Not checked: {"; ".join(comparison.log.unchecked)}.'

@@ -11,7 +11,7 @@ from impact_damper_ros.orbits.branch import Branch
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import TRANSMISSIBILITIES
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 
 from .csv_tables import row
 from .transmissibility_text import transmissibility_text
@@ -35,7 +35,7 @@ def orbit_text(number: int, orbit: PeriodicOrbit) -> str:
     """Return a motion with its impacts, multipliers and why it is not viable, if it is not."""
     stops = ','.join(map(str, orbit.stops))
     lines = [
-        f'motion {number}: stops {stops} in {counted(orbit.cycles, "cycle")} '
+        f'motion {number}: stops {stops} in {plural(orbit.cycles, "cycle")} '
         f'({orbit.period:.9g} s), {orbit.stability}, '
         + ('viable' if orbit.viable else 'NOT VIABLE'),
         "  stop  phase [cycles]         X [m]   X' before    X' after   Z' before    Z' after "
@@ -81,7 +81,7 @@ def branch_text(branch: Branch) -> str:
     swings = [orbit.x_max for orbit in branch.orbits]
     lines = [
         f'  {branch.name} from {min(branch.values):.9g} to {max(branch.values):.9g}: '
-        f'{counted(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
+        f'{plural(len(swings), "motion")}, largest |X| between {min(swings):.6g} and '
         f'{max(swings):.6g} m',
     ]
     lines.extend(

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from impact_damper_ros.parameters.plain import as_plain
-from impact_damper_ros.parameters.quoting import as_line, counted
+from impact_damper_ros.parameters.quoting import as_line, plural
 from impact_damper_ros.replay.findings import Difference, Findings, ReplayVerdict
 from impact_damper_ros.replay.run import RecordedRun
 
@@ -70,25 +70,25 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     node = recorded.topics.name
     if recorded.run_count > 1:
         node += f', run {recorded.number} of {recorded.run_count}'
-    impacts = counted(findings.impacts, 'impact')
+    impacts = plural(findings.impacts, 'impact')
     if not recorded.topics.impacts:
         impacts = 'no impacts (their topic was not recorded)'
     if findings.recorded_gap_control or findings.gap_control:
-        impacts += f', {counted(findings.gap_control, "act")} of the gap control'
+        impacts += f', {plural(findings.gap_control, "act")} of the gap control'
     lines = [
         f'replayed    {recorded.reader.path}, node {node}',
-        f'compared    {counted(findings.samples, "sample")}, {impacts}, '
-        f'{counted(findings.snapshots, "snapshot")}',
+        f'compared    {plural(findings.samples, "sample")}, {impacts}, '
+        f'{plural(findings.snapshots, "snapshot")}',
         f'time span   {start:.9g} s to {end:.9g} s of rig time',
-        f'meanwhile   {counted(findings.changes, "change")}, {counted(findings.resets, "reset")}, '
-        f'{counted(findings.pauses, "pause")}'
-        + (f', {counted(findings.slips, "slip")} of the pace' if findings.slips else ''),
+        f'meanwhile   {plural(findings.changes, "change")}, {plural(findings.resets, "reset")}, '
+        f'{plural(findings.pauses, "pause")}'
+        + (f', {plural(findings.slips, "slip")} of the pace' if findings.slips else ''),
     ]
     if findings.gap_count:
         gap = findings.gaps[0]
         lines.append(
-            f'missing     {counted(findings.missing_samples, "sample")} in '
-            f'{counted(findings.gap_count, "gap")}, the first after {gap.after:.9g} s'
+            f'missing     {plural(findings.missing_samples, "sample")} in '
+            f'{plural(findings.gap_count, "gap")}, the first after {gap.after:.9g} s'
         )
     for count, noun, of in (
         (findings.missing_impacts, 'impact', ''),
@@ -96,7 +96,7 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
     ):
         if count:
             lines.append(
-                f'missing     {counted(count, noun)}{of} of the replay, where the recorder may '
+                f'missing     {plural(count, noun)}{of} of the replay, where the recorder may '
                 'have dropped messages'
             )
     if findings.unchecked:

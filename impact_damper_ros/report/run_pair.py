@@ -17,7 +17,7 @@ from impact_damper_ros.compare.stretches import RecordedStretch, Stretches
 from impact_damper_ros.motion.event import SAMPLE_TYPE
 from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.all_parameters import unit_of
-from impact_damper_ros.parameters.quoting import counted, setting
+from impact_damper_ros.parameters.quoting import plural, setting
 from impact_damper_ros.replay.command import Command, Setting
 from impact_damper_ros.replay.replay import RunPart
 from impact_damper_ros.replay.rows import NO_EVENTS, NO_SAMPLES, Samples
@@ -221,7 +221,7 @@ def _in_a_line(run: _Run) -> str:
         return 'no motion'
     unit = unit_for('m', overall.x_max)
     return (
-        f'{counted(overall.impacts, "impact")}, '
+        f'{plural(overall.impacts, "impact")}, '
         f'largest |X| {unit.factor * overall.x_max:.4g} {unit.name}, '
         f'rms {unit.factor * overall.x_rms:.4g} {unit.name}'
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 
 from impact_damper_ros.compare.result import LogVerdict, RunComparison, StretchComparison, Verdict
-from impact_damper_ros.parameters.quoting import as_line, counted
+from impact_damper_ros.parameters.quoting import as_line, plural
 
 from .comparison_tables import STRETCH_TABLES, motion_words, overall_table
 
@@ -26,7 +26,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
         kind += f', settled at {stretch.settled_at:.6g} s'
     lines += [f'  motion     {kind}', f'             {stretch.evidence}']
     if stretch.missing_samples:
-        lines.append(f'  missing    {counted(stretch.missing_samples, "sample")}')
+        lines.append(f'  missing    {plural(stretch.missing_samples, "sample")}')
     for table in (make(stretch) for make in STRETCH_TABLES):
         if table is not None:
             lines += table.text_with_note('  ').splitlines()
@@ -38,7 +38,7 @@ def _stretch_text(stretch: StretchComparison) -> str:
     found = stretch.differences
     lines += [f'  finding    {difference.text}' for difference in found[:_MOST_FINDINGS]]
     if (left := len(found) - _MOST_FINDINGS) > 0:
-        lines.append(f'             and {counted(left, "finding")} more')
+        lines.append(f'             and {plural(left, "finding")} more')
     log = stretch.log.value
     lines.append(f'  log        {log.upper() if stretch.log is LogVerdict.DIFFERS else log}')
     word = stretch.verdict.value
@@ -57,8 +57,8 @@ def comparison_text(comparison: RunComparison) -> str:
     lines = [
         f'compared     {comparison.bag}, node {comparison.node}{_run_of(comparison)}',
         f'recorded     {comparison.start:.9g} s to {comparison.end:.9g} s of rig time, '
-        f'{counted(comparison.samples, "sample")}, {counted(comparison.impacts, "impact")}, '
-        f'{counted(len(comparison.stretches), "stretch")}',
+        f'{plural(comparison.samples, "sample")}, {plural(comparison.impacts, "impact")}, '
+        f'{plural(len(comparison.stretches), "stretch")}',
     ]
     lines.append(f'checked      {comparison.log.text}')
     if comparison.log.unchecked:

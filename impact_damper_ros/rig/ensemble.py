@@ -38,7 +38,7 @@ from impact_damper_ros.parameters.gap_control_parameters import (
     GapControlParameters,
 )
 from impact_damper_ros.parameters.parameter_spec import ParameterError
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import (
     PARAMETER_SPECS,
     InitialConditions,
@@ -99,8 +99,8 @@ class EnsembleResult(NamedTuple):
         """Return what it holds in a line."""
         whole = int((self.outcomes == Outcome.COMPLETE).sum())
         return (
-            f'<EnsembleResult: {counted(len(self.times), "rig")}, {whole} complete, '
-            f'{counted(self.samples.shape[-1], "sample")} each>'
+            f'<EnsembleResult: {plural(len(self.times), "rig")}, {whole} complete, '
+            f'{plural(self.samples.shape[-1], "sample")} each>'
         )
 
 

@@ -24,7 +24,7 @@ from impact_damper_ros.motion.event import (
     table_of_events,
 )
 from impact_damper_ros.motion.next_event import DONE, RUNAWAY, SPENT
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 
 from .runaway import REMEDY
 
@@ -111,8 +111,8 @@ class RunResult(NamedTuple):
         """Return what it holds in a line."""
         reached = 'complete' if not self.reason else self.reason
         return (
-            f'<RunResult: {reached} at {self.time:.9g} s, {counted(len(self.samples), "sample")}, '
-            f'{counted(self.event_count, "event")}>'
+            f'<RunResult: {reached} at {self.time:.9g} s, {plural(len(self.samples), "sample")}, '
+            f'{plural(self.event_count, "event")}>'
         )
 
     def impacts(self, stop: int = 0) -> Events:

@@ -26,7 +26,7 @@ from impact_damper_ros.parameters.upgrades import (
     FormatError,
     Upgrade,
     newest,
-    upgraded,
+    upgrade,
 )
 
 from .playback import Playback
@@ -141,7 +141,7 @@ def present(document: Document) -> Document:
     FormatError
         If it is of no format that this version reads.
     """
-    document = upgraded(document, document['state'].get('format'), UPGRADES)
+    document = upgrade(document, document['state'].get('format'), UPGRADES)
     return {**document, 'state': {**document['state'], 'format': newest(UPGRADES)}}
 
 

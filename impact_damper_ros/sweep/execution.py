@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 
-def _continued(setup: RigSetup, state: State, law: OwnLaw | None) -> Rig:
+def _continue(setup: RigSetup, state: State, law: OwnLaw | None) -> Rig:
     """Return a rig that starts from the last state of another one, by a change of parameters."""
     if setup.control.active:
         # At the time of that state, since the control samples at its own instants
@@ -109,7 +109,7 @@ def rig_row(
         parameters, initial, control, _, _, settling = setup = setup.vary(settings)
         law = _law_of(setup)
         if state is not None:
-            rig = _continued(setup, state, law)
+            rig = _continue(setup, state, law)
         else:
             rig = Rig(parameters, initial, control=control, law=law, compiled=None)
         row = steady_state(rig, settling, halted)

@@ -185,7 +185,7 @@ _IF: dict[str, Callable[[RigParameters], bool]] = {
 }
 
 
-def _stated(grid: Grid, name: str) -> str:
+def _statement(grid: Grid, name: str) -> str:
     """Return a parameter with its value, as a figure states it."""
     rig = grid.setup.parameters
     values = np.atleast_1d(getattr(rig, name))[:4]
@@ -209,7 +209,7 @@ def _fixed_text(grid: Grid) -> str:
     for group, acts in _IF.items():
         if not acts(rig):
             left_out |= {f'{group}_amplitudes', f'{group}_frequencies'}
-    parts = [_stated(grid, name) for name in _STATED.split() if name not in left_out]
+    parts = [_statement(grid, name) for name in _STATED.split() if name not in left_out]
     if rig.multisine_level:
         parts.append(f'multisine of {rig.multisine_level:.6g} N rms')
     if rig.one_sided:
@@ -537,7 +537,7 @@ def _classes(table: pd.DataFrame) -> dict[str, Array]:
     return dict(zip(_DOTS, (mask.astype(float) for mask in masks), strict=True))
 
 
-def _outlined() -> list[Any]:
+def _outline() -> list[Any]:
     """Return path effects that make a white line visible on white."""
     from matplotlib.patheffects import withStroke
 
@@ -570,7 +570,7 @@ def _draw_map(
         edge = axes.contour(
             across.values, up.values, some.T, [0.5], colors='white', linewidths=1.0
         )
-        edge.set_path_effects(_outlined())
+        edge.set_path_effects(_outline())
     return mesh
 
 
@@ -600,7 +600,7 @@ def _legend(table: pd.DataFrame, grid: Grid, optimum: Optimum | None) -> list[An
         handles.append(Patch(facecolor=_FAILED, label='failed'))
     impacts = _numbers(table.impacts_per_cycle)
     if (impacts == 0.0).any() and (impacts > 0.0).any():
-        outlined = {'linestyle': '-', 'linewidth': 1.0, 'path_effects': _outlined()}
+        outlined = {'linestyle': '-', 'linewidth': 1.0, 'path_effects': _outline()}
         handles.append(entry('no impacts beyond', color='white', **outlined))
     return handles
 

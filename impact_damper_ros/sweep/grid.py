@@ -22,7 +22,7 @@ from impact_damper_ros.parameters.gap_control_parameters import (
     GapControlParameters,
 )
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.quoting import counted, named, shown, similar_names
+from impact_damper_ros.parameters.quoting import named, plural, shown, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     InitialConditions,
@@ -34,7 +34,7 @@ from impact_damper_ros.parameters.upgrades import (
     Document,
     Upgrade,
     newest,
-    upgraded,
+    upgrade,
 )
 
 from .steady_state import Settling
@@ -57,7 +57,7 @@ UPGRADES: tuple[Upgrade, ...] = (upgraded_from_1,)
 
 def present_inputs(inputs: Document) -> Document:
     """Return inputs of a sweep in the present format; or raise `FormatError`."""
-    return {**upgraded(inputs, inputs.get('format'), UPGRADES), 'format': newest(UPGRADES)}
+    return {**upgrade(inputs, inputs.get('format'), UPGRADES), 'format': newest(UPGRADES)}
 
 
 #: How rigs start: from the initial conditions, or along rising or falling values of the first axis
@@ -103,7 +103,7 @@ def _parts(text: str) -> tuple[str, int | None]:
     return name, int(match[2]) if match and match[2] else None
 
 
-def _varied(text: str, rig: RigParameters) -> Varied:
+def _parameter_of(text: str, rig: RigParameters) -> Varied:
     """Return the parameter that a user has named, in this rig."""
     name, index = _parts(text)
     if _SPECS[name].kind == 'double_array':
@@ -176,7 +176,7 @@ class Axis:
 
 def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Axis:
     """Return an axis, after all checks of its names and values; the unit is that of numbers."""
-    varied = tuple(_varied(name, rig) for name in names.split('='))
+    varied = tuple(_parameter_of(name, rig) for name in names.split('='))
     if len(set(varied)) < len(varied):
         raise GridError(f'{names}: the same name is given twice')
     if len({one.name in INITIAL_SPECS for one in varied}) > 1:
@@ -372,7 +372,7 @@ class Grid:
             f'{axis.name} {axis.values[0]:.6g} to {axis.values[-1]:.6g} ({len(axis)})'
             for axis in self.axes
         )
-        return f'<Grid: {counted(self.size, "rig")}; {axes}>'
+        return f'<Grid: {plural(self.size, "rig")}; {axes}>'
 
     @property
     def directions(self) -> tuple[str, ...]:
@@ -485,7 +485,7 @@ def _number(text: str, where: str, spec: ParameterSpec | None = None) -> float:
     return number
 
 
-def _spaced(low: float, high: float, count: str, spacing: str, where: str) -> list[float]:
+def _space(low: float, high: float, count: str, spacing: str, where: str) -> list[float]:
     """Return values from end to end, both included."""
     number = _number(count, where)
     if isinstance(low, bool) or isinstance(high, bool):
@@ -558,4 +558,4 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
         raise GridError(f'{where}: give LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or V1,V2,...')
     spacing = rest[1] if rest[1:] else 'linear'
     ends = _number(low, where, spec), _number(high, where, spec)
-    return names, _spaced(*ends, rest[0], spacing, where)
+    return names, _space(*ends, rest[0], spacing, where)

@@ -136,11 +136,11 @@ def _run(
     return result
 
 
-def _known(value: float) -> float | None:
+def _known_or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
+def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     """Measure a motion over its period, or the cycles to watch; return its row of the table."""
     period = 0 if found.period is None else found.period.cycles
     cycle, cycles = found.cycle, period or settling.watch
@@ -177,14 +177,14 @@ def _measured(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'impacts': len(hits) if period else None,
         'stops': _sequence(result.events) if period else None,
         'x_max': largest,
-        'x_max_ratio': _known(ratio),
+        'x_max_ratio': _known_or_none(ratio),
         'x_rms': integrals.x_rms,
         'x_mean': integrals.total / integrals.covered,
-        **{name: _known(value) for name, value in shaken.items()},
+        **{name: _known_or_none(value) for name, value in shaken.items()},
         'impacts_per_cycle': len(impacts) / cycles,
-        'lyapunov_exponent': _known(found.exponent.value),
-        'lyapunov_uncertainty': _known(found.exponent.uncertainty),
-        'largest_multiplier': _known(found.multiplier),
+        'lyapunov_exponent': _known_or_none(found.exponent.value),
+        'lyapunov_uncertainty': _known_or_none(found.exponent.uncertainty),
+        'largest_multiplier': _known_or_none(found.multiplier),
         'stick_share': float(spent[Mode.STICK]),
         'rest_share': float(spent[Mode.REST_1] + spent[Mode.REST_2]),
         'chatter_share': _chatter_time(around, found.end, end) / (end - found.end),
@@ -244,7 +244,7 @@ def steady_state(rig: Rig, settling: Settling, halted: Callable[[], bool] = lamb
     )
     if found.reason:
         raise RunawayError(found.reason)
-    row = _measured(rig, found, settling)
+    row = _measure(rig, found, settling)
     row['settling_cycles'] += after
     row['events'] += events
     return row

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 
 from .best import Optimum
 from .grid import Grid
@@ -42,7 +42,7 @@ def attractor_text(attractor: dict[str, Any]) -> str:
     """Return kind, period and stops of a motion in words."""
     text = str(attractor['kind'])
     if attractor['cycles'] is not None:
-        text += f', {counted(attractor["cycles"], "cycle")}'
+        text += f', {plural(attractor["cycles"], "cycle")}'
         if attractor['stops']:
             text += f', stops {attractor["stops"]}'
     return text

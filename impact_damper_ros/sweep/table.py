@@ -42,7 +42,7 @@ Kind = Literal['double', 'integer', 'bool', 'text', 'doubles', 'integers']
 _DTYPES = {'double': 'float64', 'integer': 'Int64', 'bool': 'boolean', 'text': 'string'}
 
 
-class Column(NamedTuple):
+class SweepColumn(NamedTuple):
     """A column: its name, type, SI unit and meaning."""
 
     name: str
@@ -110,11 +110,11 @@ state | text | - | State of rig and control at the end, as Rig.snapshot gives it
 """
 
 
-def _columns() -> dict[str, Column]:
+def _columns() -> dict[str, SweepColumn]:
     found = {}
     for line in re.sub(r'\n +', ' ', _COLUMNS).splitlines():
         name, kind, unit, description = line.split(' | ', 3)
-        found[name] = Column(name, cast(Kind, kind), unit.strip('-'), description)
+        found[name] = SweepColumn(name, cast(Kind, kind), unit.strip('-'), description)
     return found
 
 
@@ -127,7 +127,7 @@ _MEASURES = """
     lyapunov_exponent lyapunov_uncertainty largest_multiplier stick_share rest_share chatter_share
 """
 #: Columns that can be drawn and minimised or maximised.
-MEASURES: dict[str, Column] = {name: _BY_NAME[name] for name in _MEASURES.split()}
+MEASURES: dict[str, SweepColumn] = {name: _BY_NAME[name] for name in _MEASURES.split()}
 
 
 def check_measure(measure: str) -> None:
@@ -151,10 +151,10 @@ def complete_table(table: pd.DataFrame) -> pd.DataFrame:
     return table.sort_values('point').reset_index(drop=True)
 
 
-def columns_of(grid: Grid) -> list[Column]:
+def columns_of(grid: Grid) -> list[SweepColumn]:
     """Return all columns of the table of a sweep, in order."""
     varied = [
-        Column(
+        SweepColumn(
             str(one),
             'bool' if one.spec.kind == 'bool' else 'double',
             one.si_unit(grid.setup.parameters),

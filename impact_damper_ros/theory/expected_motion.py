@@ -19,7 +19,7 @@ from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.search import counted_as, find_orbits, starting_rigs
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
 from impact_damper_ros.orbits.solved_orbits import counted_from_zero, orbit_near
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 
@@ -176,7 +176,7 @@ def _why_none(ahead: SettledMotion) -> str:
         stops = ','.join(map(str, ahead.rhythm.stops))
         return (
             f'run ahead, the rig reaches a motion with stops {stops} in '
-            f'{counted(ahead.rhythm.cycles, "cycle")} of the force, for which the solvers find no '
+            f'{plural(ahead.rhythm.cycles, "cycle")} of the force, for which the solvers find no '
             'motion'
         )
     if ahead.kind in (MotionKind.NO_IMPACTS, MotionKind.AT_REST) or math.isinf(ahead.quiet):

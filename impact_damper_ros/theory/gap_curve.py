@@ -13,7 +13,7 @@ from impact_damper_ros.orbits.branch import END, POINTS, Branch, BranchPoint
 from impact_damper_ros.orbits.continuation import follow
 from impact_damper_ros.orbits.orbit import PeriodicOrbit, stability_of
 from impact_damper_ros.parameters.plain import as_plain
-from impact_damper_ros.parameters.quoting import counted
+from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 #: Factor from the present gap to the ends of the range that is followed, and how often, by which
@@ -28,7 +28,7 @@ _SAME = 1e-6
 
 def name_of(orbit: PeriodicOrbit) -> str:
     """Return the number of impacts and cycles of a motion in words."""
-    return f'{counted(len(orbit.stops), "impact")} in {counted(orbit.cycles, "cycle")}'
+    return f'{plural(len(orbit.stops), "impact")} in {plural(orbit.cycles, "cycle")}'
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from impact_damper_ros import EventKind, InitialConditions, Rig, RigParameters
 from impact_damper_ros.fit.course import Course
-from impact_damper_ros.fit.first_course import matched
+from impact_damper_ros.fit.first_course import match_times
 from impact_damper_ros.fit.gauss_newton import System
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.partition import Record
@@ -149,7 +149,7 @@ def true_course(unknowns: Unknowns, measurement: Measurement) -> tuple[Record, C
         hits['damper_velocity_after'].copy(),
         np.where(hits['stop'] == 1, 1, -1),
         begins,
-        matched(hits['time'], times, 6.0 * DEVIATION),
+        match_times(hits['time'], times, 6.0 * DEVIATION),
         reversals,
         [np.zeros(len(turn), bool) for turn in reversals],
     )

@@ -6,7 +6,7 @@ from rigs import TWIN
 
 from fit.random_rigs import errors, guess_of, measure, random_rig
 from impact_damper_ros import InitialConditions, Rig
-from impact_damper_ros.fit.excitation import excited, tones_of
+from impact_damper_ros.fit.excitation import tones_of, with_excitation
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import fit_rig
 
@@ -30,7 +30,7 @@ def test_a_recorded_force_counts_and_not_the_described_one(bench):
     other = start.replace(force_amplitudes=(0.7,), force_frequencies=(11.0,))
     # On a clock that counts from 1970 on
     late = 1.7e9 + record.time
-    found, remarks = excited(record._replace(time=late, force=wave), other)
+    found, remarks = with_excitation(record._replace(time=late, force=wave), other)
     assert found.force_amplitudes == pytest.approx(rig.force_amplitudes, rel=2e-3)
     assert found.force_frequencies == pytest.approx(rig.force_frequencies, rel=1e-4)
     drive = found.force_amplitudes[0] * np.sin(
@@ -40,11 +40,11 @@ def test_a_recorded_force_counts_and_not_the_described_one(bench):
     assert 'the recorded force is used, 1.2' in remarks[0]
     # A file that has the base only leaves the force as it is by default, which is none here
     base = start.replace(force_amplitudes=1.0, force_frequencies=1.0, force_phases=0.0)
-    shaken, _ = excited(record._replace(base=wave, base_quantity='acceleration'), base)
+    shaken, _ = with_excitation(record._replace(base=wave, base_quantity='acceleration'), base)
     assert shaken.base_amplitudes == pytest.approx(rig.force_amplitudes, rel=2e-3)
     assert shaken.force_amplitudes == (0.0,)
     # A described force that agrees is kept
-    assert excited(record._replace(force=wave), rig) == (rig, [])
+    assert with_excitation(record._replace(force=wave), rig) == (rig, [])
     fit = fit_rig(record._replace(force=wave), other)
     assert fit.accepted, fit.reasons
     assert fit.remarks[0].startswith('the recorded force is used')

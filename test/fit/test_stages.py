@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from impact_damper_ros import RigParameters
-from impact_damper_ros.fit.acceptance import judged
+from impact_damper_ros.fit.acceptance import judge_fit
 from impact_damper_ros.fit.candidates import Candidate, Evidence
 from impact_damper_ros.fit.contradictions import gains_of, to_release, without_contradictions
 from impact_damper_ros.fit.course import Course
 from impact_damper_ros.fit.estimate import Estimate
-from impact_damper_ros.fit.first_course import first_course, matched
-from impact_damper_ros.fit.first_guess import regressed
+from impact_damper_ros.fit.first_course import first_course, match_times
+from impact_damper_ros.fit.first_guess import regress
 from impact_damper_ros.fit.gauss_newton import System, solve
 from impact_damper_ros.fit.partition import (
     Jumps,
@@ -23,7 +23,7 @@ from impact_damper_ros.fit.partition import (
     noise_of,
     partition,
 )
-from impact_damper_ros.fit.relaxation import _begin_parts, relaxed
+from impact_damper_ros.fit.relaxation import _begin_parts, relax
 from impact_damper_ros.fit.revision import Revised
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import CONSTANTS, Unknowns
@@ -118,7 +118,7 @@ def test_a_regression_over_exact_jumps_gives_the_rig(changes, separate):
     hits = measurement.events[measurement.events['stop'] > 0][: len(course)]
     before = hits['primary_velocity_before']
     jumps = Jumps(course.time, course.x, before, hits['primary_velocity_after'] - before)
-    alphas, grip, gap = regressed(unknowns, jumps, course.stop, rig.omega)
+    alphas, grip, gap = regress(unknowns, jumps, course.stop, rig.omega)
     assert [unknowns.restitution(a) for a in alphas] == pytest.approx(
         [rig.restitution_1, rig.restitution_2], rel=1e-6
     )
@@ -126,14 +126,14 @@ def test_a_regression_over_exact_jumps_gives_the_rig(changes, separate):
     assert gap == pytest.approx(rig.gap, rel=1e-6)
     # One false impact among forty is an outlier
     wrong = jumps._replace(jump=np.where(np.arange(len(course)) == 20, -1.0, 1.0) * jumps.jump)
-    assert regressed(unknowns, wrong, course.stop, rig.omega)[2] == pytest.approx(gap, rel=0.01)
+    assert regress(unknowns, wrong, course.stop, rig.omega)[2] == pytest.approx(gap, rel=0.01)
 
 
 def test_times_are_matched_one_to_one():
     measured = np.array([1.0, 1.9, 2.0, 5.0])
-    assert matched(np.array([1.01, 2.02, 3.0]), measured, 0.05).tolist() == [0, 2, -1]
-    assert matched(np.array([1.99, 2.01]), measured, 0.05).tolist() in ([2, -1], [-1, 2])
-    assert matched(np.zeros(0), measured, 0.05).tolist() == []
+    assert match_times(np.array([1.01, 2.02, 3.0]), measured, 0.05).tolist() == [0, 2, -1]
+    assert match_times(np.array([1.99, 2.01]), measured, 0.05).tolist() in ([2, -1], [-1, 2])
+    assert match_times(np.zeros(0), measured, 0.05).tolist() == []
 
 
 @pytest.mark.parametrize('timed', [True, False])
@@ -147,12 +147,12 @@ def test_a_first_course_is_relaxed_to_the_motion(timed):
         )
     )
     first = first_course(record, start, measurement.deviation, times, DEVIATION)
-    found = relaxed(first, problem, timed=timed)
+    found = relax(first, problem, timed=timed)
     # K, C, alpha, grip, gap
     near = np.abs(found.shared / course.shared - 1.0)
     assert near[0] < 3e-3
     assert near[[2, 4]].max() < 0.2
-    pairs = matched(found.time, course.time, 0.004)
+    pairs = match_times(found.time, course.time, 0.004)
     assert (pairs >= 0).mean() > 0.85
     same = pairs >= 0
     assert (found.stop[same] == course.stop[pairs[same]]).mean() > 0.95
@@ -255,7 +255,7 @@ def judgement(course, checks=(), deviations=(0.1,), **changes):
     correlations = {a: {b: float(a == b) for b in parameters} for a in parameters}
     correlations.update(changes.pop('correlations', {}))
     chi = changes.pop('chi', 1.0)
-    return judged(revised, chi, list(checks), parameters, correlations)
+    return judge_fit(revised, chi, list(checks), parameters, correlations)
 
 
 def course_of(used, flights):

@@ -10,7 +10,7 @@ from impact_damper_ros.orbits.flight_arrays import run_flights
 from impact_damper_ros.orbits.ring_down import (
     middle_of,
     recorded_ring_down,
-    released,
+    release_start,
     ring_down,
 )
 
@@ -38,7 +38,7 @@ def test_without_the_damper_the_dashpot_takes_all():
 def test_passages_are_those_of_the_simulator():
     found = ring_down(RIG, 0.02, releases=2)
     for k, run in enumerate(found.runs):
-        rig = Rig(found.parameters, released(found.parameters, 0.02, math.tau * k / 2))
+        rig = Rig(found.parameters, release_start(found.parameters, 0.02, math.tau * k / 2))
         samples = rig.run(float(run.time[-1]), run.time).samples
         assert samples['x'] == pytest.approx(0.0, abs=1e-12)
         assert samples['primary_velocity'] == pytest.approx(run.velocity, rel=1e-9)

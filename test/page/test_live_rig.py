@@ -94,12 +94,12 @@ async def test_a_slow_rig_is_shown_between_its_samples(monkeypatch):
     live = followed(link)
     link.run(1.0)
     live.tick()
-    assert live._shown() == pytest.approx(1.0, abs=1e-12)
+    assert live._instant_to_show() == pytest.approx(1.0, abs=1e-12)
     # At 1/20 of the speed 0.1 s pass between two samples.
     live.values['real_time_factor'] = 0.05
     for later, shown in ((0.0, 0.995), (0.04, 0.997), (0.1, 1.0), (5.0, 1.0)):
         now[0] = 100.0 + later
-        assert live._shown() == pytest.approx(shown, abs=1e-12)
+        assert live._instant_to_show() == pytest.approx(shown, abs=1e-12)
     await left(live)
 
 

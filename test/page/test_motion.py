@@ -8,7 +8,7 @@ from rigs import LIVELY
 
 from impact_damper_ros import EventKind, Rig, load_parameters
 from impact_damper_ros.orbits.settled_motion import settle
-from impact_damper_ros.page.frames import PAUSED, REPLACE, REPLACE_GHOST, View
+from impact_damper_ros.page.frames import PAUSED, REPLACE, REPLACE_GHOST, PageView
 from impact_damper_ros.page.motion import (
     ACT_COLUMNS,
     IMPACT_COLUMNS,
@@ -43,7 +43,7 @@ def times(frames, name):
 
 def test_frames_together_have_each_sample_and_impact_once(motion):
     instants = np.arange(0.5, 10.0, 1 / 60)
-    frames = frames_of(motion, View(window=5.0), instants)
+    frames = frames_of(motion, PageView(window=5.0), instants)
     assert frames[0].flags == REPLACE | REPLACE_GHOST
     assert all(frame.flags == 0 for frame in frames[1:])
     end = instants[-1]
@@ -78,7 +78,7 @@ def test_columns_are_those_of_the_rig(motion):
 
 def test_an_impact_that_comes_late_is_sent(motion):
     """Its topic may be slower than that of the samples."""
-    late, view = Motion(10_000, 100), View(window=2.0)
+    late, view = Motion(10_000, 100), PageView(window=2.0)
     late.add_samples(motion.samples[:1000])
     end = float(motion.samples[900, 0])
     view.frame(late, end, 0.0)
@@ -88,7 +88,7 @@ def test_an_impact_that_comes_late_is_sent(motion):
 
 
 def test_a_jump_replaces_all(motion):
-    view = View(window=2.0)
+    view = PageView(window=2.0)
     first, on, back, again = frames_of(motion, view, [5.0, 5.1, 3.0, 9.5])
     assert [bool(f.flags & REPLACE) for f in (first, on, back, again)] == [True, False, True, True]
     assert [len(f.samples) for f in (first, on, back, again)] == pytest.approx(
@@ -102,7 +102,7 @@ def test_a_jump_replaces_all(motion):
 
 def test_what_is_measured_and_commanded_is_sent_and_scored(motion):
     """Late measurements too; the energy of a reset rig counts from 0 again."""
-    known, view = Motion(10_000, 10_000), View(window=20.0)
+    known, view = Motion(10_000, 10_000), PageView(window=20.0)
     known.add_samples(motion.samples)
     seen = np.column_stack([np.arange(0.0, 12.0, 0.1)] * 3)
     acts = np.zeros((12, len(ACT_COLUMNS)))
@@ -140,7 +140,7 @@ def test_what_is_measured_and_commanded_is_sent_and_scored(motion):
 
 
 def test_flags_alone_are_news(motion):
-    view = View()
+    view = PageView()
     view.frame(motion, 6.0, 12.5)
     frame = taken_apart(view.frame(motion, 6.0, 12.5, PAUSED))
     assert (frame.flags, frame.epoch, len(frame.samples)) == (PAUSED, 12.5, 0)
@@ -149,8 +149,8 @@ def test_flags_alone_are_news(motion):
 
 def test_a_ghost_that_comes_to_be_known(motion, other):
     """Each of its rows comes once, as far as it is known, while nothing else moves."""
-    alone = taken_apart(View(window=5.0).frame(other, 9.0, 0.0))
-    ghost, view, frames = Motion(10_000, 10_000), View(window=5.0), []
+    alone = taken_apart(PageView(window=5.0).frame(other, 9.0, 0.0))
+    ghost, view, frames = Motion(10_000, 10_000), PageView(window=5.0), []
     view.frame(motion, 9.0, 0.0)
     for until in (2.0, 5.5, 7.3, 8.95, 12.0):
         frames += frames_of(motion, view, [9.0], ghost)
@@ -173,12 +173,12 @@ def test_a_ghost_that_comes_to_be_known(motion, other):
 
 @pytest.mark.parametrize('window', [1e9, -1.0, 0.0])
 def test_no_view_is_without_bounds(window):
-    assert 0.05 <= View(window).window <= 300.0
+    assert 0.05 <= PageView(window).window <= 300.0
     motion = Motion(100_000, 10)
     rows = np.zeros((100_000, len(SAMPLE_COLUMNS)))
     rows[:, 0] = np.arange(100_000) / 1000.0
     motion.add_samples(rows)
-    assert len(taken_apart(View(window).frame(motion, 99.0, 0.0)).samples) <= 60_000
+    assert len(taken_apart(PageView(window).frame(motion, 99.0, 0.0)).samples) <= 60_000
 
 
 def test_a_motion_keeps_the_newest_rows_and_leaves_out_what_is_none():

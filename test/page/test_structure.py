@@ -6,7 +6,7 @@ import pytest
 
 from impact_damper_ros.page.structure import (
     FieldError,
-    designed,
+    design_of,
     note_on,
     structure_of,
 )
@@ -84,4 +84,4 @@ def test_a_node_with_too_few_samples_for_its_traces_is_noted():
 def test_a_structure_without_a_damper():
     rig = structure_of({**TYPED, 'mass_ratio': '2000'})
     with pytest.raises(FieldError, match='No stable motion of two impacts'):
-        designed(rig)
+        design_of(rig)

@@ -6,13 +6,13 @@ import pytest
 from rigs import BENCH
 
 from impact_damper_ros import RigParameters, load_parameters
-from impact_damper_ros.parameters.description import described, frequency_hint
+from impact_damper_ros.parameters.description import describe_rig, frequency_hint
 from impact_damper_ros.parameters.parameters_file import presets
 from impact_damper_ros.parameters.quoting import printable, shown
 
 
 def test_line_in_hertz_and_shares():
-    assert described(BENCH.replace(force_frequencies=5.0)) == (
+    assert describe_rig(BENCH.replace(force_frequencies=5.0)) == (
         'natural frequency 5.00 Hz (31.42 rad/s), ζ 1.00 %; force 1.2 N at 0.796 Hz (5 rad/s), '
         '0.159 times the natural one; gap 0.024 m; horizontal, friction 0.02'
     )
@@ -60,7 +60,7 @@ def test_line_in_hertz_and_shares():
     ],
 )
 def test_line_names_what_is_out_of_the_ordinary(changes, words):
-    assert words in described(BENCH.replace(**changes))
+    assert words in describe_rig(BENCH.replace(**changes))
 
 
 @pytest.mark.parametrize('factor', [0.85, 1.0, 1.2])

@@ -17,7 +17,7 @@ from impact_damper_ros import (
     RigParameters,
     find_orbits,
 )
-from impact_damper_ros.parameters.forcing import mixed, multisine
+from impact_damper_ros.parameters.forcing import mix, multisine
 from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 
 PHASES_OF_SEED_1 = [
@@ -42,7 +42,7 @@ NOISY = RigParameters(
 def test_the_generator_is_split_mix_64():
     """The published sequence of seed 1234567."""
     step = 0x9E3779B97F4A7C15
-    assert [mixed(1234567 + k * step) for k in range(5)] == [
+    assert [mix(1234567 + k * step) for k in range(5)] == [
         6457827717110365317,
         3203168211198807973,
         9817491932198370423,

@@ -14,7 +14,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.bag.messages import STRING, String, decode, encode
 from impact_damper_ros.compare.comparison import compare_bag
 from impact_damper_ros.page.live import LiveRig
-from impact_damper_ros.parameters.upgrades import FormatError, newest, upgraded
+from impact_damper_ros.parameters.upgrades import FormatError, newest, upgrade
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
@@ -83,14 +83,14 @@ def later_version(monkeypatch):
 def test_steps_of_a_chain_are_taken_from_the_format_of_the_document():
     chain = [lambda document, k=k: {**document, str(k): len(document)} for k in (1, 2, 3)]
     assert newest(chain) == 4
-    assert upgraded({}, 1, chain) == {'1': 0, '2': 1, '3': 2}
-    assert upgraded({}, 3, chain) == {'3': 0}
-    assert upgraded({'a': 1}, 4, chain) == {'a': 1}
+    assert upgrade({}, 1, chain) == {'1': 0, '2': 1, '3': 2}
+    assert upgrade({}, 3, chain) == {'3': 0}
+    assert upgrade({'a': 1}, 4, chain) == {'a': 1}
     for number in (0, 5, -1, True, 1.0, '1', None):
         with pytest.raises(FormatError, match='this version reads formats 1 to 4'):
-            upgraded({}, number, chain)
+            upgrade({}, number, chain)
     with pytest.raises(FormatError, match=r'of format 2; this version reads format 1$'):
-        upgraded({}, 2, ())
+        upgrade({}, 2, ())
 
 
 @pytest.mark.parametrize('control', [None, CONTROL])
