@@ -560,8 +560,8 @@ class Engine:
             if self.controller.waits and waited >= self.controller.settings.lock_step_timeout:
                 refused = self.controller.give_up()
                 text = (
-                    f'no command has come for {waited:.3f} s{refused}: the rig in lock-step goes '
-                    'on without'
+                    f'no command has come for {waited:.3f} s{refused}: the rig in lock-step '
+                    'continues without it'
                 )
                 self._on_trouble('lock-step', text)
         if self._wall.monotonic() - begun > SEND_AGAIN_S:
