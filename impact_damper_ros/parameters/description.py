@@ -24,7 +24,7 @@ def describe_rig(rig: RigParameters) -> str:
 
     Examples
     --------
-    >>> described(RigParameters(force_frequencies=[0.5]))
+    >>> describe_rig(RigParameters(force_frequencies=[0.5]))
     'natural frequency 0.159 Hz (1 rad/s), ζ 0.500 %; force 1 N at 0.0796 Hz (0.5 rad/s), 0.5 \
 times the natural one; gap 37 m; horizontal'
     """

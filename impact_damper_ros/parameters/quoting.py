@@ -117,11 +117,11 @@ def plural(count: int, noun: str, form: str = '') -> str:
 
     Examples
     --------
-    >>> counted(1, 'stretch'), counted(2, 'stretch'), counted(1000, 'message', ',')
+    >>> plural(1, 'stretch'), plural(2, 'stretch'), plural(1000, 'message', ',')
     ('1 stretch', '2 stretches', '1,000 messages')
     """
-    plural = '' if count == 1 else 'es' if noun.endswith(('ch', 's')) else 's'
-    return f'{count:{form}} {noun}{plural}'
+    ending = '' if count == 1 else 'es' if noun.endswith(('ch', 's')) else 's'
+    return f'{count:{form}} {noun}{ending}'
 
 
 def setting(value: Any, digits: int = 6) -> str:

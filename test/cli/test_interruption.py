@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from running import SOURCE as ROOT, Running
@@ -94,23 +93,6 @@ def test_a_run_that_is_stopped_keeps_what_it_has_and_what_was_there(tmp_path):
     assert (
         float(rows[50][0]) == Rig(RigParameters(gravity=1.0)).advance(float(rows[50][0]))[-1].time
     )
-
-
-def workers_of(process):
-    """Return the processes that compute for a command."""
-    paths = Path(f'/proc/{process.pid}/task').glob('*/children')
-    found = [int(number) for path in paths for number in path.read_text().split()]
-    return [n for n in found if 'spawn_main' in Path(f'/proc/{n}/cmdline').read_text()]
-
-
-def test_ctrl_c_in_a_design_is_for_the_command_alone(tmp_path):
-    """A terminal signals the processes that compute, too."""
-    words = ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--base', '0.2g']
-    with started(tmp_path, 'design_damper', *words) as process:
-        process.until(lambda: len(workers_of(process)) == 2)
-        for worker in workers_of(process):
-            os.kill(worker, signal.SIGINT)
-        assert (process.stop(), process.output) == (130, 'design_damper: interrupted\n')
 
 
 def test_an_interruption_in_a_destructor_is_not_lost(capsys):

@@ -19,7 +19,7 @@ GIVEN = {
 #: A value of an option or a positional argument, by its metavar.
 VALUES = {
     **dict.fromkeys(('FILE', 'DIR', 'BAG', 'NAME', 'RIG', 'PARAMS', 'FITTED'), 'name'),
-    **dict.fromkeys(('N', 'T', 'HZ', 'K', 'TIME', 'KG', 'MU', 'R'), '1'),
+    **dict.fromkeys(('N', 'T', 'HZ', 'K', 'TIME', 'KG', 'MU', 'R', 'V'), '1'),
     **dict.fromkeys(('GAMMA', 'ANGLE', 'ZETA', 'RATIO', 'GAP'), '0.1'),
     'BYTES': '1e6',
     'UNIT': 'mm',

@@ -31,7 +31,7 @@ import random
 import sys
 import time as clock
 
-from impact_damper_ros.node.controller import run
+from impact_damper_ros.node.controller import run_controller
 
 sys.path.append({str(CONTROLLERS)!r})
 from on_off_gap import OnOffGap
@@ -58,7 +58,7 @@ class ForceStep(OnOffGap):
         return super().command(time, seen)
 
 
-run(ForceStep)
+run_controller(ForceStep)
 """
 
 

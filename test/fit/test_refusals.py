@@ -107,7 +107,7 @@ def test_restitution_that_falls_with_speed_is_named(bench):
     rig, start, _ = bench
     falling = rig.replace(restitution_1=0.9, restitution_2=0.9, restitution_speed=0.2)
     falling = falling.replace(restitution_exponent=0.6)
-    fit = refused(measure(falling, np.random.default_rng(1), impacts=30).record, start)
+    fit = refused(measure(falling, np.random.default_rng(1), impacts=60).record, start)
     found = {check.name: check for check in fit.checks}['restitution over impact speed']
     assert found.z < -4.0
     assert any('restitution depends on the speed' in reason for reason in fit.reasons), fit.reasons
