@@ -99,7 +99,7 @@ class RunSummary(Observer):
             f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
             f'events      {", ".join(events) or "none"}',
         ]
-        # Beside a base that a record carries X - b counts, which has lines of its own.
+        # Where a record moves the base, X - b counts, not X; other lines tell of it.
         if whole and not any(r.quantity == BASE_RECORD for r in rig.measured_records):
             lines.append(f'largest |X| {largest:.7g} m in the last {self._cycles:.3g} cycles')
             amplitude = parameters.response_amplitude

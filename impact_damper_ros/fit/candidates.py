@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What may be wrong with a model or a file, judged by what each explains.
+What may be wrong with a model or a file, judged by how much of the record each fault explains.
 
 Near a fit one Gauss-Newton step gives the value and standard deviation of each further parameter,
 zero in the model, without a fit of its own: a score test. Far from one, `misreading` compares how
@@ -46,8 +46,8 @@ _MISREADINGS = {
 #: Phases of the force that are tried, and the sentence that says so.
 _PHASES = 16
 OTHER_PHASE = 'the force comes at another time than described, which --also force_delay fits'
-#: They are compared at so many samples in a natural period, at a few or more stiffnesses, if the
-#: cost of a sample is not low anyhow.
+#: Readings of a file are compared at so many samples in a natural period, at a few or more
+#: stiffnesses; units only if the cost of a sample is at least `_DEAR`.
 _SAMPLES, _FEW, _MORE = 20, np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 5)
 _ONE, _DEAR = np.ones(1), 4.0
 #: Residuals, in those of the noise, of a record that is one vibration.
@@ -72,13 +72,13 @@ class Candidate(NamedTuple):
     Attributes
     ----------
     name : str
-        What it is.
+        What the parameter is.
     value, standard_deviation : float
-        As one step from the fit gives it; the latter with what the file leaves open.
+        As one step from the fit gives them; the deviation includes the uncertainty of the file.
     unit : str
-        Of both.
+        Unit of value and deviation.
     meaning : str
-        What it says if it is not zero.
+        What is wrong if the parameter is not zero.
     """
 
     name: str
@@ -110,12 +110,12 @@ class Evidence(NamedTuple):
 
     Attributes
     ----------
-    columns : list of Column
+    columns : list of ParameterColumn
         The constants of the file, then what the model does not have.
     information, gradient : ndarray
-        Of minus the logarithm of the likelihood by all of them.
+        Second and first derivatives of minus the logarithm of the likelihood by all of these.
     changes : ndarray
-        Of the unknowns with each.
+        Changes of the unknowns with each of these.
     """
 
     columns: list[ParameterColumn]
@@ -151,7 +151,7 @@ class Evidence(NamedTuple):
         """
         Return the step and covariance of some parameters, given what is known of them before.
 
-        `since` is by how much each was changed before; nothing is known of one of them.
+        `since` is by how much each was changed before; of column `but` nothing is known before.
         """
         known = np.array([self.columns[k].uncertainty if k != but else 0.0 for k in free])
         before = np.where(known > 0.0, 1.0 / np.where(known > 0.0, known, 1.0) ** 2, 0.0)
@@ -303,7 +303,7 @@ def _derivatives(
 
 
 def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
-    """Return the unit with which the motion is made of far fewer vibrations, or ''."""
+    """Return the sentence on the unit that explains the motion far better, or ''."""
     fewer = thin_out(record, rig, _SAMPLES)
     as_it_is = _cost(fewer, rig, deviation, _FEW)
     if as_it_is < _DEAR * len(fewer.time):
@@ -344,7 +344,7 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
 
 
 def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
-    """Return what a record says that is one vibration, of M or of M and m together, or ''."""
+    """Return what is wrong if the record is one vibration, of M or of M and m, or ''."""
     whole = np.array([0, len(record.time)])
     damping = max(rig.damping, 1e-3 * rig.stiffness / rig.omega)
     joint = scaled_constant(rig, 'primary_mass', rig.mass_ratio) or rig

@@ -2,7 +2,7 @@
 """
 What is certain of a function between two instants, by its values, its rates and a bound.
 
-The bound is one of its third or fourth derivative. Guesses of a root need none.
+The bound limits the size of its third or fourth derivative. Guesses of a root need no bound.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ def falls(d_a: float, d_b: float, step: float, bound: float) -> bool:
 def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
     """Return a guess of where a function falls to zero between two instants."""
     change = f_b - f_a
-    # One that rises from zero first is zero at its start as well: from the other end then
+    # A function that first rises from zero is zero at its start, too: the guess then begins at
+    # the other end.
     part = -f_a / change if f_a > 0.0 else 1.0
     if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
         # The inverse function as a Hermite cubic

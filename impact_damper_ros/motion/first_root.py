@@ -4,9 +4,9 @@ The first root of a watched function between two instants.
 
 Every function that is watched (a clearance, the relative speed, the support left, X itself) is
 parabola(tau) + k X^(d)(tau) with d = 0, 1 or 2. Where it and its rate are known at two instants,
-and the third and fourth derivatives of its X^(d) are bounded between them, it is certain to be
+and the third and fourth derivatives of its X^(d) are bounded between them, it may be proved to be
 positive (`keeps_sign`), or to fall (`falls`) and to have one root if it is not positive at the
-end. Where neither is certain, the step is halved. A function that comes to zero within its
+end. Where neither is proved, the step is halved. A function that comes to zero within its
 round-off and goes away again has no root.
 
 "Just left the stop" is handled here only. A flight that begins on a stop has exactly zero
@@ -134,7 +134,7 @@ def set_end(
 
 @kernel
 def end_near(run: Run, kind: int, tau: float, motion: Motion, step: float) -> float:
-    """Let the flight end a tiny step after an instant, unless that is a passage; return when."""
+    """Return the instant a tiny step later; the flight ends there, unless X only passes zero."""
     if kind != PASSAGE:
         set_end(
             run,
@@ -224,7 +224,11 @@ def root_between(
     f_high: float,
     d_high: float,
 ) -> float:
-    """Return where a watched function falls to zero between two times; as `first_root`."""
+    """
+    Return where a watched function falls to zero between two times.
+
+    The flight ends there, unless X only passes zero, as in `first_root`.
+    """
     constants, _, run, _, _ = moving
     oscillator = oscillator_of(constants, run)
     if f_low < 0.0 or (f_low == 0.0 and d_low <= 0.0):
@@ -295,7 +299,7 @@ def leap(moving: Moving, longest: float) -> float:
 def look_for(
     moving: Moving, kind: int, start: float, motion: Motion, end: float, motion_end: Motion
 ) -> None:
-    """Let the flight end at the first root of a function, if it is earlier than what is found."""
+    """Let the flight end at a function's first root, if no earlier event has been found."""
     constants, _, run, _, _ = moving
     f_a, d_a, _, _ = watched(constants, run, kind, start, motion)
     f_b, d_b, _, size = watched(constants, run, kind, end, motion_end)

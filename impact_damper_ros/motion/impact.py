@@ -112,7 +112,7 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
 
 @kernel
 def end_bounces(moving: Moving, stop: int, coefficient: float) -> None:
-    """Go over to the chatter that an impact belongs to, if it does and can be completed."""
+    """Go over to the chatter that an impact belongs to, if there is one that can be completed."""
     constants, _, run, _, _ = moving
     common = common_velocity(constants, run)
     away = 1.0 if stop == 2 else -1.0
@@ -155,8 +155,9 @@ def bounce(constants: Any, coefficient: Any, speed: Any) -> tuple[Any, Any]:
     """
     Return R at an approach speed v, and R + v dR/dv: the law of restitution.
 
-    R falls with v, from the coefficient of the stop at 0: R(v) = R(0) (1 + v/v_c)^-p. Of one
-    impact, or in plain Python of many as arrays.
+    R falls as v rises: R(v) = R(0) (1 + v/v_c)^-p, where R(0) is the coefficient of the stop. It
+    is constant if 1/v_c, the slowness, is 0. In plain Python the arguments may be arrays, of many
+    impacts.
     """
     if constants.restitution_slowness == 0.0:
         return coefficient, coefficient
@@ -182,8 +183,8 @@ def rebound_slopes(share: float, slope: Any) -> tuple[Any, Any]:
     """
     Return the derivatives of what `rebound` returns by the relative velocity before it.
 
-    The slope is the second result of `bounce`. Of one impact, or in plain Python of many as
-    arrays.
+    The slope is the second result of `bounce`; in plain Python it may be an array, of
+    many impacts.
     """
     return share * (1.0 + slope), -slope
 

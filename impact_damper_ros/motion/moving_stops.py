@@ -20,7 +20,11 @@ TOUCHED = 2
 
 @kernel
 def send_stop(constants: RigConstants, run: Run, stop: int, target: float, speed: float) -> int:
-    """Send a stop to a target, at once or at a speed; velocities and mode stay."""
+    """
+    Send a stop to a target, at once or at a speed; return `MOVING`, `ARRIVED` or `TOUCHED`.
+
+    The velocities of the masses and the mode stay what they are.
+    """
     outwards = 1.0 if stop == 1 else -1.0
     here = run.stop_1 if stop == 1 else run.stop_2
     clearance = run.clearance_1 if stop == 1 else run.clearance_2
@@ -69,7 +73,7 @@ def move_stops(
     stop_2: float,
     speed: float,
 ) -> None:
-    """Send stops to targets, Y in m, at the present time; NaN leaves a stop alone, or moving."""
+    """Send stops to targets, Y in m, at the present time; a stop with NaN goes on as it was."""
     run = moving.run
     side = run.crossing_side
     move_to(moving, run.now)
@@ -119,7 +123,7 @@ def place_stops_at_gap(constants: RigConstants, run: Run) -> None:
         run.target_2 = -half
         run.stop_velocity_2 = 0.0
     elif run.clearance_2 == inf:
-        # Stop 2 comes to the constants.
+        # The rig was one-sided, and now gets a stop 2.
         offset = place(run)
         run.stop_2 = min(-half, offset)
         run.clearance_2 = max(0.0, offset - run.stop_2)

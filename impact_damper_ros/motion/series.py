@@ -11,7 +11,7 @@ from .state import Lines, Waves
 
 
 class Series(NamedTuple):
-    """X'' at a point, and the coefficients of the second to fifteenth power in that of X'."""
+    """X'' at a point, and coefficients of the 2nd to 15th power in the series of X' about it."""
 
     x_2: float
     b_3: float
@@ -119,8 +119,9 @@ def tail(series: Series, s: float) -> tuple[float, float, float]:
     """
     Return what the third and higher powers add to X and its first two derivatives.
 
-    The last one is that of a last step, and needs half of the digits. Products are taken in pairs,
-    so that few of them wait for one another.
+    The second derivative is without the highest powers: the last step of a search, which needs
+    it, needs half of its digits only. Products are taken in pairs, so that few of them wait for
+    one another.
     """
     s_2 = s * s
     s_4 = s_2 * s_2

@@ -20,8 +20,8 @@ def sine_and_cosine(phase: float) -> tuple[float, float]:
 
     Notes
     -----
-    By the polynomials of fdlibm (Sun Microsystems, 1993) within an eighth of a turn. Several
-    phases in a row take a third of the time of the C library, of which each call waits.
+    The polynomials are those of fdlibm (Sun Microsystems, 1993), for an eighth of a turn. Several
+    phases in a row take a third of the time of the C library, whose calls wait for one another.
     """
     quarters = floor(phase * 0.6366197723675814 + 0.5)
     upper = phase - quarters * _QUARTER
@@ -154,7 +154,7 @@ def drive_before(lines: Lines, waves: Waves) -> float:
 
 @kernel(inline=True)
 def drive_rates(lines: Lines, waves: Waves) -> tuple[float, float]:
-    """Return the rates of that acceleration at the point before, and where the waves are."""
+    """Return the rates of what `drive_before` returns, at the point before and at the waves."""
     before = now = -0.0
     for j in range(len(waves)):
         line = lines[j]

@@ -67,7 +67,7 @@ class State(NamedTuple):
 
     running: Running = Running.ON
     held: str = ''  # the reason why it cannot continue
-    after: Running = Running.ON  # of a rig that is held: its state once it can
+    after: Running = Running.ON  # what a held rig does once it can continue
     step: Step | None = None
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node prints at its start, and of arguments that it cannot read."""
+"""What the node prints at its start, and what it says of arguments that it cannot read."""
 
 from __future__ import annotations
 

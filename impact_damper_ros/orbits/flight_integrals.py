@@ -30,8 +30,8 @@ _NEAR_LARGEST, _NEWTON_STEPS = 0.98, 6
 
 #: Columns of flights: constants a and w^2, constant acceleration, the share of the force over the
 #: mass that moves (1/kg), the active force (N), when it begins, how long it takes (s), X and X'
-#: then; and amplitude (N), frequency (rad/s) and phase (rad) of the first harmonic, its angle
-#: turned since then included.
+#: then; and amplitude (N), frequency (rad/s) and phase (rad) of the first harmonic, including the
+#: angle that it has turned until then.
 (FLIGHT_DECAY, FLIGHT_SQUARE, FLIGHT_PUSH, FLIGHT_SHARE, FLIGHT_ACTIVE) = range(5)
 (FLIGHT_BEGIN, FLIGHT_SPAN, FLIGHT_X, FLIGHT_SPEED) = range(5, 9)
 FLIGHT_LINE = 9
@@ -86,7 +86,8 @@ def write_series(flight: Any, lines: Any, series: Any, span: float, since: float
     """
     Write the terms of X and of the force in a piece, whose first two of X are known.
 
-    With the time in parts of its duration; it begins some time after its flight, s.
+    The unit of time in the series is the duration of the piece, `span`, s. The piece begins
+    `since` seconds after its flight.
     """
     for n in range(TERMS):
         series[_SERIES_FORCE, n] = 0.0

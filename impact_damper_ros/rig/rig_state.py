@@ -50,7 +50,7 @@ _PLAIN_ROWS = 64
 class RigState:
     """A rig at an instant, with or without gap control: what `Rig` lets run and changes."""
 
-    #: Measured records that act, and what of them the loop is given, also packed.
+    #: Measured records that act; below, what the loop is given of them, plain and packed.
     _playbacks: list[Playback]
 
     _schedule: Schedule
@@ -148,7 +148,7 @@ class RigState:
         """
         Begin from a state of unknown mode; return what happens there.
 
-        After another mode, m may have lost its support by that, or have come to rest.
+        Given the mode before, that m has lost its support or has come to rest is an event, too.
         """
         rows, run = self._scratch[0], self._run
         run.room, run.written = len(rows), 0

@@ -215,7 +215,7 @@ def _workers(grid: Grid, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
 
 #: Most rigs of a task, fewest tasks of independent rigs, and most tasks under way.
 _PACK, _TASKS, _UNDER_WAY = 16, 64, 512
-#: Period in which a sweep whose workers are silent reports that, s.
+#: Period in which a sweep reports its progress while its workers are silent, s.
 _BEAT = 5.0
 
 
@@ -238,7 +238,7 @@ def _run(
     progress: Callable[[int], object],
     run: RunTask | None = None,
 ) -> None:
-    """Run all rigs that are not done, without an executor here."""
+    """Run all rigs that are not done; here, if there is no executor."""
     run, tasks = run or run_task, _tasks(grid, part)
     under_way: dict[Future[Any], Task] = {}
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
@@ -275,7 +275,7 @@ def _run(
     except CancelledError as error:
         raise WorkersError('the work was cancelled: has the scheduler ended?') from error
     except BrokenExecutor as error:
-        # It ends its calls itself, in another thread, which stumbles over a cancelled one
+        # A broken executor ends its calls in a thread of its own, which a cancelled call disturbs
         under_way.clear()
         raise WorkersError(
             f'a process died ({error}): is there enough memory? Give fewer --jobs'

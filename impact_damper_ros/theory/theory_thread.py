@@ -27,8 +27,8 @@ class TheoryThread:
     """
     What theory says of the present rig.
 
-    A request is computed in a thread, whose kernels hold no lock of the interpreter. The next one
-    takes its place as soon as it has an answer. The methods return at once.
+    A request is computed in a thread, whose kernels hold no lock of the interpreter. A newer
+    request takes its place as soon as the older one has an answer. The methods return at once.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class TheoryThread:
     course : int
         Number of rigs that were asked for so far.
     prediction : Prediction or None
-        The newest one for the last of them.
+        The newest prediction for the last of these rigs; None until there is one.
     document : str
         The newest document, JSON as `theory.documents` describes it; of an earlier rig until
         there is one for the last.
@@ -74,7 +74,7 @@ class TheoryThread:
             self._begin()
 
     def ask_like(self, measured: ObservedMotion) -> None:
-        """Request that of the same rig once more, given how it was measured to move."""
+        """Request the theory of the same rig once more, given how it was measured to move."""
         with self._news:
             if self._request is not None:
                 self._request = self._request._replace(measured=measured)
@@ -114,7 +114,7 @@ class TheoryThread:
     # The thread
 
     def _run(self) -> None:
-        # They take seconds to load, which nobody has to wait for.
+        # The modules of theory take seconds to load, for which nobody has to wait.
         from .documents import answers
 
         loaded = False
