@@ -202,7 +202,7 @@ def _parser() -> argparse.ArgumentParser:
         '--restitution-speed',
         type=_value('restitution_speed'),
         metavar='V',
-        help='speed from which restitution falls with that of an impact, R (1 + v/V)^-p [R is '
+        help='scale of the fall of restitution with the speed v of an impact, R (1 + v/V)^-p [R is '
         'constant]',
     )
     damper.add_argument(

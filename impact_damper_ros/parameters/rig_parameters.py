@@ -79,7 +79,7 @@ class RigParameters(ParameterTable):
         0.0,
         1e9,
         'm/s',
-        'Speed v_c from which restitution falls with the approach speed v of m at an impact: '
+        'Scale v_c of the fall of restitution with the approach speed v of m at an impact: '
         'R(v) = R (1 + v/v_c)^-p, R being restitution_1 or restitution_2; 0 for a constant R.',
         least=1e-6,
         zero='constant R',
