@@ -202,8 +202,8 @@ def _parser() -> argparse.ArgumentParser:
         '--restitution-speed',
         type=_value('restitution_speed'),
         metavar='V',
-        help='scale of the fall of restitution with the speed v of an impact, R (1 + v/V)^-p [R is '
-        'constant]',
+        help='scale of the fall of restitution with the speed v of an impact, R (1 + v/V)^-p '
+        '[R is constant]',
     )
     damper.add_argument(
         '--friction',
