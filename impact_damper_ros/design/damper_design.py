@@ -216,7 +216,8 @@ def _motions(rig: RigParameters) -> Iterator[PeriodicOrbit]:
                 yield carried
 
 
-def _follow_gap(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branch:
+def _follow_coarsely(orbit: PeriodicOrbit, name: str, low: float, high: float) -> Branch:
+    """Follow a motion in a parameter, in the large steps of a design."""
     return follow(orbit, name, low, high, largest_step=_STEP, most_points=_POINTS)
 
 
@@ -232,7 +233,7 @@ def _branches(rig: RigParameters) -> list[Branch]:
         known = [orbit.x_max for branch in branches for orbit in branch.at([gap])[0]]
         for orbit in _motions(rig.replace(gap=gap)):
             if all(abs(orbit.x_max / x - 1.0) > _SAME_MOTION for x in known):
-                branches.append(_follow_gap(orbit, 'gap', gap / 3.0, 2.0 * gap))
+                branches.append(_follow_coarsely(orbit, 'gap', gap / 3.0, 2.0 * gap))
                 known.append(orbit.x_max)
     return branches
 
@@ -267,7 +268,9 @@ def _span_of(
     span = Span(here, here)
     for low, high in factors:
         with suppress(OrbitError, ArithmeticError):
-            span = _follow_gap(orbit, name, *sorted((low * here, high * here))).span(here, orbit)
+            span = _follow_coarsely(orbit, name, *sorted((low * here, high * here))).span(
+                here, orbit
+            )
         if span.low_reason and span.high_reason:
             break
     return span

@@ -26,9 +26,8 @@ from .unknowns import CONSTANTS, later, scaled_constant
 from .vibration import Array, Vibration
 
 _STEP = 1e-6
-#: What the motion may be too small or too large by, and the sentence that says so.
-_MISREADINGS = {
-    -1.0: 'the sensor or the force is the other way round: reverse the sign of one of them',
+#: What the motion may be too small or too large by in another unit, and the sentence that says so.
+_UNITS = {
     9.80665: 'the motion is 9.81 times too small: g were taken for m/s^2',
     1.0 / 9.80665: 'the motion is 9.81 times too large: m/s^2 were taken for g',
     25.4: 'the motion is 25.4 times too small: inches were taken for millimetres',
@@ -37,6 +36,10 @@ _MISREADINGS = {
     0.1: 'the motion is 10 times too large: millimetres were taken for centimetres',
     1e3: 'the motion is 1000 times too small: check its unit',
     1e-3: 'the motion is 1000 times too large: check its unit',
+}
+#: The same in its own unit, by another sign or level.
+_SIGNS = {
+    -1.0: 'the sensor or the force is the other way round: reverse the sign of one of them',
     2.0
     ** -0.5: 'the force is 1.41 times as large as the file says, as if its rms were given for the '
     'amplitude',
@@ -52,14 +55,10 @@ _SAMPLES, _FEW, _MORE = 20, np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 
 _ONE, _DEAR = np.ones(1), 4.0
 #: Residuals, in those of the noise, of a record that is one vibration.
 _ONE_VIBRATION = 1.5
-
-
 #: Part of the cost that another reading must save where a fit has failed, the part that another
-#: unit may leave where none was tried, the factor from which on a unit is another one, and the
-#: part of the cost of another sign that another phase must be below.
-_SAVED, _CLEARLY, _LARGE, _AS_GOOD = 0.15, 0.5, 3.0, 0.95
-
-
+#: unit may leave where none was tried, and the part of the cost of another sign that another phase
+#: must be below.
+_SAVED, _CLEARLY, _AS_GOOD = 0.15, 0.5, 0.95
 #: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
 _SECOND_MODE = 'second mode'
 _MODE_RATIOS, _MODE_DAMPING = np.geomspace(1.15, 6.0, 42), 0.02
@@ -310,8 +309,7 @@ def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
         return ''
     costs = {
         sentence: _cost(fewer, _driven_rig(rig, factor), deviation, _FEW)
-        for factor, sentence in _MISREADINGS.items()
-        if abs(math.log(abs(factor))) > math.log(_LARGE)
+        for factor, sentence in _UNITS.items()
     }
     best = min(costs, key=costs.__getitem__)
     return best if costs[best] < _CLEARLY * as_it_is else ''
@@ -326,11 +324,7 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     if without_impacts := _one_vibration(record, rig, deviation):
         return without_impacts
     fewer = thin_out(record, rig, _SAMPLES)
-    others = [
-        (sentence, _driven_rig(rig, factor))
-        for factor, sentence in _MISREADINGS.items()
-        if abs(math.log(abs(factor))) < math.log(_LARGE)
-    ]
+    others = [(sentence, _driven_rig(rig, factor)) for factor, sentence in _SIGNS.items()]
     period = math.tau / max(rig.first_harmonic[1], 1e-3 * rig.omega)
     delays = period * np.arange(1, _PHASES) / _PHASES
     others += [(OTHER_PHASE, later(rig, delay)) for delay in delays.tolist()]

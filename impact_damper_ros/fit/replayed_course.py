@@ -42,7 +42,7 @@ _LEAST_SPAN = 2e-6
 
 @dataclass
 class Memory:
-    """Which flights earlier rounds have cut, by instants, since the numbers of flights change."""
+    """The flights that earlier rounds cut, by their instants, as numbers of flights change."""
 
     same: float
     cuts: list[tuple[float, int]] = field(default_factory=list)

@@ -171,7 +171,7 @@ def bounce(constants: Any, coefficient: Any, speed: Any) -> tuple[Any, Any]:
 def rebound(
     share: float, restitution: float, velocity: float, relative_velocity: float
 ) -> tuple[float, float]:
-    """Return X' and Y' after an impact from those before it: momentum and restitution."""
+    """Return X' and Y' after an impact from those before it, by momentum and restitution."""
     return (
         velocity + share * (1.0 + restitution) * relative_velocity,
         -restitution * relative_velocity,

@@ -34,7 +34,7 @@ ANSWER_TIMEOUT_S = 10.0
 
 
 def wait_for(request: Request) -> Done:
-    """Wait for a request; one that takes too long is withdrawn."""
+    """Return the answer to a request, and withdraw the request if that takes too long."""
     try:
         return request.result(ANSWER_TIMEOUT_S)
     except TimeoutError:

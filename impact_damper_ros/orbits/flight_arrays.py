@@ -301,6 +301,13 @@ class Flights:
         return force
 
     @cached_property
+    def _push_share(self) -> Array:
+        """Acceleration of M by a unit force on it, of each flight, 1/kg."""
+        joint = 1.0 - self.machine.constants.share
+        share: Array = np.where(self.laws.moves, 1.0, joint) / self.rig.primary_mass
+        return share
+
+    @cached_property
     def _harmonics(self) -> tuple[tuple[float, ...], ...]:
         return self.rig.harmonics
 
@@ -333,9 +340,8 @@ class Flights:
     def motion(self, index: NDArray[np.intp], tau: Array) -> tuple[Array, Array, Array, Array]:
         """Return X, X', X'' and the force (N) in flights, times (s) after their beginnings."""
         assert self.drive is not None
-        rig, begin = self.rig, self.rows[:-1][index]
-        decay, damped, stiffness, push, _, moves = (part[index] for part in self.laws)
-        share = np.where(moves, 1.0, 1.0 - self.machine.constants.share) / rig.primary_mass
+        begin, share = self.rows[:-1][index], self._push_share[index]
+        decay, damped, stiffness, push, _, _ = (part[index] for part in self.laws)
         push = push + share * self.active[index]
         less, impulse, slope = unit_response(decay, damped, tau)
         x_0, v_0 = begin['x'] - push / stiffness, begin['primary_velocity_after']
@@ -401,9 +407,7 @@ class Flights:
 
     def _columns(self) -> Array:
         """Return what `integrate_flights` is given of each flight."""
-        rows, laws = self.rows[:-1], self.laws
-        share = np.where(laws.moves, 1.0, 1.0 - self.machine.constants.share)
-        share /= self.rig.primary_mass
+        rows, laws, share = self.rows[:-1], self.laws, self._push_share
         assert self.drive is not None
         columns = np.empty((len(self), FLIGHT_COLUMNS))
         columns[:, FLIGHT_DECAY] = laws.decay

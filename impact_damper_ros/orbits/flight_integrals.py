@@ -82,6 +82,17 @@ class Integrals(NamedTuple):
 
 
 @kernel
+def harmonic_at(flight: Any, lines: Any, j: int, since: float) -> tuple[float, float, float]:
+    """Return size (N), frequency (rad/s) and phase of a harmonic some time into a flight, s."""
+    if j == 0:
+        rate = flight[FLIGHT_LINE + 1]
+        return flight[FLIGHT_LINE], rate, flight[FLIGHT_LINE + 2] + rate * since
+    rate = lines[j, LINE_RATE]
+    phase = lines[j, LINE_PHASE] + rate * (flight[FLIGHT_BEGIN] + since)
+    return lines[j, LINE_SIZE], rate, phase
+
+
+@kernel
 def write_series(flight: Any, lines: Any, series: Any, span: float, since: float) -> None:
     """
     Write the terms of X and of the force in a piece, whose first two of X are known.
@@ -92,13 +103,7 @@ def write_series(flight: Any, lines: Any, series: Any, span: float, since: float
     for n in range(TERMS):
         series[_SERIES_FORCE, n] = 0.0
     for j in range(len(lines)):
-        size = lines[j, LINE_SIZE]
-        rate = lines[j, LINE_RATE]
-        phase = lines[j, LINE_PHASE] + rate * (flight[FLIGHT_BEGIN] + since)
-        if j == 0:
-            size = flight[FLIGHT_LINE]
-            rate = flight[FLIGHT_LINE + 1]
-            phase = flight[FLIGHT_LINE + 2] + rate * since
+        size, rate, phase = harmonic_at(flight, lines, j, since)
         turn = rate * span
         even = size * sin(phase)
         odd = size * cos(phase) * turn
@@ -147,19 +152,13 @@ def turning_size(series: Any, place: float) -> float:
 
 
 @kernel
-def add_base(lines: Any, flight: Any, since: float) -> tuple[float, float, float]:
+def base_of_flight(flight: Any, lines: Any, since: float) -> tuple[float, float, float]:
     """Return b, b' and b'' some time after a flight began, s."""
     base = 0.0
     speed = 0.0
     rate = 0.0
     for j in range(len(lines)):
-        turn = lines[j, LINE_RATE]
-        size = lines[j, LINE_SIZE]
-        phase = lines[j, LINE_PHASE] + turn * (flight[FLIGHT_BEGIN] + since)
-        if j == 0:
-            size = flight[FLIGHT_LINE]
-            turn = flight[FLIGHT_LINE + 1]
-            phase = flight[FLIGHT_LINE + 2] + turn * since
+        size, turn, phase = harmonic_at(flight, lines, j, since)
         for_sine = size * lines[j, LINE_BASE_SINE]
         for_cosine = size * lines[j, LINE_BASE_COSINE]
         sine = sin(phase)
@@ -220,8 +219,8 @@ def integrate_flights(
                 sums[SUM_ACTIVE] += weight * flight[FLIGHT_ACTIVE] * speed
                 slip = speed
                 if shaken:
-                    base, base_speed, base_rate = add_base(
-                        lines, flight, since + points[0, k] * span
+                    base, base_speed, base_rate = base_of_flight(
+                        flight, lines, since + points[0, k] * span
                     )
                     slip = speed - base_speed
                     # What the base does beside the force that stands for it: it drags the dashpot

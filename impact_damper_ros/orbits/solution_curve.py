@@ -96,7 +96,7 @@ def _check_name(name: str) -> None:
 
 
 def spec_of(name: str) -> ParameterSpec:
-    """Return unit and range of what a continuation can vary."""
+    """Return the specification of a quantity that a continuation can vary."""
     if name == SLOWNESS:
         speed = PARAMETER_SPECS['restitution_speed']
         return speed._replace(unit='s/m', low=0.0, high=1.0 / speed.least, least=0.0)
@@ -343,9 +343,14 @@ class BranchPoint:
         return abs(self.multipliers[0])
 
     @property
+    def stability(self) -> str:
+        """Stable, neutral or unstable, as that of an orbit."""
+        return stability_of(self.modulus)
+
+    @property
     def performed(self) -> bool:
         """Whether the motion is viable and not unstable."""
-        return self.viable and stability_of(self.modulus) != 'unstable'
+        return self.viable and self.stability != 'unstable'
 
     @cached_property
     def solution(self) -> Solution:

@@ -365,7 +365,7 @@ class Rig(RigState):
         interrupted: Callable[[], bool] = lambda: False,
     ) -> tuple[int, int]:
         """
-        Let the rig run until its state is that of some cycles before, at the ends of cycles.
+        Run until the state at the end of a cycle is that at the end of one of the cycles before.
 
         Parameters
         ----------

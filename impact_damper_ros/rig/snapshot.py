@@ -34,7 +34,7 @@ from .stepped_sine import SteppedSine, rig_at, step_count, step_duration
 
 
 def upgraded_from_1(document: Document) -> Document:
-    """Return a document of format 2: restitution may fall with the speed."""
+    """Return a document of format 1 in format 2, in which restitution may fall with the speed."""
     state = document['state']
     parameters = {**CONSTANT_RESTITUTION, **state['parameters']}
     return {**document, 'state': {**state, 'parameters': parameters}}

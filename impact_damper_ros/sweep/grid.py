@@ -47,7 +47,7 @@ _MOST_RIGS = 2_000_000
 
 
 def upgraded_from_1(inputs: Document) -> Document:
-    """Return inputs of format 2: restitution may fall with the speed."""
+    """Return inputs of format 1 in format 2, in which restitution may fall with the speed."""
     return {**inputs, 'parameters': {**CONSTANT_RESTITUTION, **inputs['parameters']}}
 
 

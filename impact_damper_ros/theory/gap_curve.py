@@ -11,7 +11,7 @@ from typing import Any
 from impact_damper_ros.orbits.arguments import OrbitError
 from impact_damper_ros.orbits.branch import END, POINTS, Branch, BranchPoint
 from impact_damper_ros.orbits.continuation import follow
-from impact_damper_ros.orbits.orbit import PeriodicOrbit, stability_of
+from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
@@ -127,15 +127,11 @@ class GapCurve:
 
     def _optimum(self) -> dict[str, Any] | None:
         """Return gap and Xmax/A of the lowest stable point; None without one."""
-        lowest = min(
-            (one for one in self._branches if one.best is not None),
-            key=lambda one: one.best.x_max if one.best is not None else math.inf,
-            default=None,
-        )
-        if lowest is None or lowest.best is None:
+        lowest = [(best, one.bound) for one in self._branches if (best := one.best) is not None]
+        if not lowest:
             return None
-        ratio = lowest.best.x_max * self._ratio
-        return {'gap': lowest.best.value, 'x_max_ratio': ratio, 'bound': lowest.bound}
+        best, bound = min(lowest, key=lambda pair: pair[0].x_max)
+        return {'gap': best.value, 'x_max_ratio': best.x_max * self._ratio, 'bound': bound}
 
     def message(self, here: PeriodicOrbit | None = None, text: str = '') -> dict[str, Any]:
         """Return the curve as `theory.documents` describes it; `here` is the motion of the rig."""
@@ -149,7 +145,7 @@ class GapCurve:
                     'gap': special.value,
                     'x_max_ratio': special.point.x_max * self._ratio,
                     'kind': special.kind.value,
-                    'stable': stability_of(special.point.modulus) == 'stable',
+                    'stable': special.point.stability == 'stable',
                 }
                 for one in self._branches
                 for special in one.branch.special
@@ -166,6 +162,6 @@ class GapCurve:
             'label': name_of(one.start),
             'gap': [point.value for point in points],
             'x_max_ratio': [point.x_max * self._ratio for point in points],
-            'stable': [stability_of(point.modulus) == 'stable' for point in points],
+            'stable': [point.stability == 'stable' for point in points],
             'viable': [point.viable for point in points],
         }

@@ -165,7 +165,7 @@ def test_bounces_that_are_elastic_at_no_speed_have_no_end():
 
 
 def falling_rig(seed):
-    """Return a random rig whose restitution falls with the speed, and where it starts."""
+    """Return a random rig whose restitution falls with the speed, and its initial conditions."""
     rng = random.Random(f'restitution {seed}')
     p, initial = random_rig(f'restitution {seed}')
     upright = math.cos(p.angle) < 1e-5

@@ -1,4 +1,4 @@
-"""The files of the page: what the policy allows."""
+"""The files of the page hold only what its security policy allows."""
 
 import re
 from pathlib import Path

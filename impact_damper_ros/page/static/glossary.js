@@ -17,7 +17,7 @@ export const TERMS = {
   'rhythm': ['N impacts in k cycles', 'The motion repeats after k cycles of the force, and m hits the stops N times in that time. The usual motion has two impacts in one cycle: stop 1, then stop 2.'],
   'energy': ['energy per cycle', 'Energy that the impacts take in one cycle of the force.'],
   'restitution': ['restitution R', 'Relative speed after an impact over that before it: 1 for an elastic stop, 0 for a plastic one.'],
-  'restitution-speed': ['speed v_c', 'From about this approach speed v on, restitution falls: R(v) = R (1 + v/v_c)^(−p). Without it R is constant.'],
+  'restitution-speed': ['speed v_c', 'Scale of the fall of restitution with the approach speed v: R(v) = R (1 + v/v_c)^(−p). Without it R is constant.'],
   'friction': ['friction γ', 'Coulomb coefficient between m and M: friction force over normal force.'],
   'inclination': ['inclination θ', 'Angle of the axis, positive downwards towards stop 1; weight then pulls m to that stop.'],
   'gap-control': ['gap control', 'A law that moves the stops while the rig runs: amplitude follows the vibration, timed closes a stop on m where M is fastest.'],
