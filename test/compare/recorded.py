@@ -12,19 +12,22 @@ from impact_damper_ros.compare.verdict import compare_stretch
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 
-def simulated(parameters, cycles, initial=DISPLACED, per_cycle=40):
+def simulated(parameters, cycles, initial=DISPLACED, per_cycle=40, after=0.0):
     """Return the state at the start, samples and events of a run, and the state at its end."""
     rig = Rig(parameters, initial)
+    if after:
+        rig.advance(after)
     cycle = math.tau / parameters.force_frequencies[0]
-    instants = np.round(np.arange(round(cycles * per_cycle) + 1) * cycle / per_cycle * 1e9) / 1e9
+    steps = np.arange(round(cycles * per_cycle) + 1) * cycle / per_cycle
+    instants = np.round((after + steps) * 1e9) / 1e9
     start = rig.snapshot()
     result = rig.run(float(instants[-1]), instants)
     return start, result.samples, result.events, rig.snapshot()
 
 
-def built(rig, samples, events, at_end=None, *, part=3000, **options):
+def built(rig, samples, events, at_end=None, *, part=3000, start=0.0, **options):
     """Return a stretch as it is read, part by part."""
-    builder = StretchBuilder(1, Beginning.START, 'start of the bag', 0.0, rig, **options)
+    builder = StretchBuilder(1, Beginning.START, 'start of the bag', start, rig, **options)
     done = 0
     for begin in range(0, len(samples), part):
         some = samples[begin : begin + part]

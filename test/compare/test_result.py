@@ -5,7 +5,12 @@ import math
 from dataclasses import replace
 
 import pytest
+from bag.alterations import altered_message
+from bag.recorded_rig import RecordedRig
 from report.example_comparison import example
+from rigs import BENCH
+
+from impact_damper_ros.compare import compare_bag
 
 
 @pytest.fixture(scope='module')
@@ -31,3 +36,12 @@ def test_exit_codes(comparison):
     assert replace(agrees, faults=('the bag is cut',)).exit_code == 3
     assert comparison.exit_code == 1
     assert replace(comparison, faults=('the bag is cut',)).exit_code == 1
+
+
+def test_a_difference_is_that_of_its_stretch(tmp_path):
+    rig = RecordedRig(BENCH).start().run(300).run(300, ('change', {'gap': 0.02})).run(300)
+    number = max(i for i, (topic, *_) in enumerate(rig.messages) if topic == '/joint_states')
+    rig.messages[number] = altered_message(rig.messages[number], ('position', 0), 1e-3)
+    found = compare_bag(rig.save(tmp_path / 'bag'))
+    assert [len(stretch.differences) for stretch in found.stretches] == [0, 1]
+    assert [stretch.log.value for stretch in found.stretches] == ['reproduced', 'differs']

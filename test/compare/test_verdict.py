@@ -4,11 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from compare.recorded import DISPLACED, compared
+from compare.recorded import DISPLACED, built, compared, simulated
 from rigs import BENCH, FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros import InitialConditions, RigParameters, find_orbits
 from impact_damper_ros.compare import Verdict
+from impact_damper_ros.compare.stretches import LoggedRig
+from impact_damper_ros.compare.verdict import compare_stretch
 from impact_damper_ros.orbits.recurrence import MotionKind
 
 SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)
@@ -68,6 +70,8 @@ def test_golden_motions(rig, golden, ratio):
     assert decay.distance < 2e-8
     energy = found.energy
     assert energy.periods == 50
+    scale = energy.force + energy.dashpot + energy.friction + energy.impacts
+    assert energy.tolerance == pytest.approx(1e-9 * scale, rel=1e-6)
     assert abs(energy.residual) < energy.tolerance < 2e-5 * energy.force
     assert abs(energy.stored) < 1e-7 * energy.force
     assert (energy.friction > 0.0) == (rig.friction > 0.0)
@@ -103,6 +107,13 @@ def test_other_periodic_motions(rig, cycles, period, stops):
     assert found.cycles == period
     assert found.stops in turns or tuple(3 - s for s in found.stops) in turns
     assert found.predicted.stops == found.stops
+    hits = [sum(s == stop for s in found.stops) for stop in (1, 2)]
+    overall = found.overall.impacts_on_stop_1, found.overall.impacts_on_stop_2
+    assert found.impacts == sum(overall)
+    assert overall[0] / overall[1] == pytest.approx(hits[0] / hits[1], rel=0.1)
+    assert found.measured.impacts == 20 * sum(hits)
+    energy, cycle = found.energy, found.curves.predicted.cycle
+    assert energy.end - energy.start == pytest.approx(energy.periods * period * cycle, rel=1e-6)
     assert found.decay.distance < 1e-4
     # From how far the run comes in, and over how many periods, is a matter of the last digit; and
     # with friction the rate is another as long as m turns once more or less in a period.
@@ -110,6 +121,36 @@ def test_other_periodic_motions(rig, cycles, period, stops):
     assert found.decay.measured == pytest.approx(found.decay.predicted, abs=close)
     assert abs(found.energy.residual) < found.energy.tolerance
     assert found.measured.x_max == pytest.approx(found.predicted.x_max, rel=5e-4)
+
+
+def test_a_run_that_begins_late_and_within_a_cycle():
+    """Phases count from where omega t is zero, and the predicted motion is drawn where it is."""
+    rig = FRICTION.replace(force_phases=(1.3,))
+    start, samples, events, end = simulated(rig, 340, after=61.7)
+    found = compare_stretch(built(LoggedRig(rig, start), samples, events, end, start=61.7))
+    assert found.verdict is Verdict.AGREES, found.sentence
+    assert found.solver == 'boundary-value problem of its events'
+    expected = [phase - 1.3 / math.tau for phase in (0.757995, 0.2697923)]
+    assert found.measured.last_period.phases == pytest.approx(expected, abs=1e-6)
+    predicted, motion = found.curves.predicted, found.curves.motion
+    phase = (motion.time - predicted.force_zero) / predicted.cycle
+    first = predicted.phase[0]
+    inside = first + (phase - first) % predicted.cycles
+    assert np.abs(np.interp(inside, predicted.phase, predicted.x) - motion.x).max() < 0.01
+    assert first * predicted.cycle + predicted.force_zero == pytest.approx(
+        found.end, abs=1.5 * predicted.cycle
+    )
+
+
+def test_the_energy_of_a_short_irregular_run():
+    """Over the whole cycles that were recorded, of a run that began at another time than zero."""
+    rig = OFF_RESONANCE.replace(gap=50.0)
+    start, samples, events, end = simulated(rig, 30.5, after=200.0)
+    found = compare_stretch(built(LoggedRig(rig, start), samples, events, end, start=200.0))
+    energy = found.energy
+    assert energy.periods == 30
+    assert energy.end - energy.start == pytest.approx(30 * math.tau / 1.02, rel=1e-6)
+    assert abs(energy.residual) < energy.tolerance
 
 
 def test_one_sided_and_chatter():
