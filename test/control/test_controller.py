@@ -14,7 +14,7 @@ from impact_damper_ros import (
     Rig,
     RigParameters,
 )
-from impact_damper_ros.control.controller import begin_sampling, control_of
+from impact_damper_ros.control.controller import begin_sampling, control_of, rest_stops
 from impact_damper_ros.control.state import LAW_NUMBERS, PARTS, damper_of
 from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 
@@ -56,6 +56,7 @@ def test_off_sends_the_stops_back_by_the_actuators():
     assert before != (10.0, -10.0)
     rig.change(rig.parameters, control('off', actuator_speed=2.0, actuator_delay=0.5))
     rig.advance(200.4999)
+    assert rig.amplitude > 0.0
     assert (10.0, -10.0) not in {(r.target_1, r.target_2) for r in rig.acts}
     rig.advance(200.5)
     assert rig.acts[-1].action is Action.COMMAND
@@ -114,6 +115,24 @@ def test_one_sided_rigs_move_their_only_stop():
         # The other one spends nothing, and is shown where it would stand.
         assert rig.energies[0] > rig.energies[1] == 0.0
         assert {(r.target_2, r.velocity_2) for r in rig.acts} == {(-2.0, 0.0)}
+
+
+def test_the_only_stop_returns_to_the_gap():
+    """Below the threshold, and where the control is switched off."""
+    parameters = RigParameters(
+        one_sided=True, gap=4.0, gravity=0.3, angle=1.0, damper_mass=0.1, force_amplitudes=[0.2]
+    )
+    begun = control_of(control('timed'), parameters)
+    begun.actuators.commanded_1 = 5.0
+    rest_stops(begun, 1.0)
+    assert (begun.actuators.commanded_1, begun.controller.returning) == (2.0, True)
+    rig = Rig(parameters, control=control('timed', actuator_speed=0.5))
+    rig.advance(100.0)
+    assert rig.stops[0] != 2.0
+    rig.change(parameters, control('off', actuator_speed=0.5))
+    assert rig.snapshot()['gap_control']['state']['controller']['returning']
+    rig.advance(150.0)
+    assert rig.stops[0] == 2.0
 
 
 def test_a_law_of_ones_own_may_send_the_only_stop_anywhere():

@@ -9,7 +9,12 @@ from impact_damper_ros import Action, EventKind, Rig, RigParameters
 from impact_damper_ros.control.controller import control_of, settings_of
 from impact_damper_ros.control.sensors import ZeroPassage
 from impact_damper_ros.control.state import Measurement, damper_of
-from impact_damper_ros.control.timed_law import close_stop, park_stops, stop_to_close
+from impact_damper_ros.control.timed_law import (
+    close_stop,
+    park_stops,
+    stop_to_close,
+    timed_law_sees,
+)
 
 RIGS = {
     'level': TRIAL,
@@ -64,6 +69,9 @@ def test_delay_and_speed_are_made_up_for():
         {'actuator_delay': 0.5},
         {'actuator_speed': 10.0},
         {'actuator_delay': 0.3, 'actuator_speed': 20.0},
+        # More than a quarter of a cycle, so that X still moves away when the command is given
+        {'actuator_delay': 2.0},
+        {'actuator_delay': 0.6, 'actuator_speed': 15.0, 'gap_control_stops': 'independent'},
     ):
         rig = Rig(TRIAL, control=control('timed', **values))
         rig.advance(600.0)
@@ -141,3 +149,13 @@ def test_a_stop_is_sent_a_little_beyond_m(half_cycle, target):
     assert close_stop(begun, passage(), Measurement(1.0, 0.0, -2.0, 4.0, 6.0, 8.0, -8.0), math.inf)
     assert begun.actuators.commanded_1 == pytest.approx(target)
     assert begun.timed_law.until == 1.0
+
+
+def test_the_stop_that_has_done_its_work_is_parked_and_no_other():
+    begun = control_of(control('timed'), TRIAL)
+    begun.timed_law.parked, begun.timed_law.closed, begun.timed_law.until = 5.0, 1, 1.0
+    begun.estimates.half_cycle = 2.0
+    before = begun.actuators.commanded_2
+    timed_law_sees(begun, Measurement(1.6, 0.0, 0.0, 0.0, 1.0, 2.0, before), 1.8)
+    assert (begun.actuators.commanded_1, begun.actuators.commanded_2) == (5.0, before)
+    assert begun.timed_law.closed == 0
