@@ -130,7 +130,7 @@ def test_the_only_stop_returns_to_the_gap():
     rig.advance(100.0)
     assert rig.stops[0] != 2.0
     rig.change(parameters, control('off', actuator_speed=0.5))
-    assert rig.snapshot()['gap_control']['state']['controller']['returning']
+    assert rig.snapshot()['gap_control']['state']['returning']
     rig.advance(150.0)
     assert rig.stops[0] == 2.0
 
