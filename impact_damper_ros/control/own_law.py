@@ -238,6 +238,15 @@ def too_close(control: Control, stop_1: float, stop_2: float) -> bool:
 
 
 @kernel
+def places_of(law: Any, seen: LawInput, memory: Any) -> tuple[float, float]:
+    """Return where a law wants the stops; a rig without one is compiled by itself."""
+    if law is None:
+        return nan, nan
+    places: tuple[float, float] = law(seen, memory)
+    return places
+
+
+@kernel
 def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
     """Let the law act on a sample, at a passage of X through zero or of the grid."""
     p = control.settings
@@ -263,7 +272,7 @@ def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
         p.gap_min,
         p.gap_max,
     )
-    stop_1, stop_2 = control.law(given, control.memory)
+    stop_1, stop_2 = places_of(control.law, given, control.memory)
     largest = 0.5 * p.gap_max
     if abs(stop_1) > largest or abs(stop_2) > largest or too_close(control, stop_1, stop_2):
         refusal.time = seen.time
@@ -289,11 +298,6 @@ def _signature() -> Any:
     return nb.UniTuple(nb.float64, 2)(seen, nb.float64[::1])
 
 
-def _stays(_seen: LawInput, _memory: Any) -> tuple[float, float]:
-    """Leave both stops alone, where a built-in law moves them."""
-    return nan, nan
-
-
 def _by_address(function: Any) -> Any:
     """Return a compiled function as numba takes one by its address, whichever it is."""
     from numba.core.types import CompileResultWAP
@@ -304,7 +308,7 @@ def _by_address(function: Any) -> Any:
 @cache
 def compiled_law(law: OwnLaw | None) -> Any:
     """
-    Return a law that numba has compiled as an argument of the compiled loop.
+    Return a law that numba has compiled as an argument of the compiled loop; None without one.
 
     The law is compiled by itself, and the loop is the same for all laws.
 
@@ -313,11 +317,11 @@ def compiled_law(law: OwnLaw | None) -> Any:
     LawError
         If numba cannot compile the law for its arguments.
     """
+    if law is None:
+        return None
     import numba
     from numba.core.errors import NumbaError
 
-    if law is None:
-        return _by_address(numba.njit(_signature())(_stays))
     function = law.function
     if not law.compiles:
         raise LawError(

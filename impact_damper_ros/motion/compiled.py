@@ -8,9 +8,8 @@ named tuples and states are dataclasses in plain Python; compiled kernels take b
 numpy records, which they read and change where they are. Rows (harmonics, events, samples) are
 lists of such objects, or arrays of records.
 
-numba caches compiled code by the source file of a function, but a kernel calls kernels of other
-files. All of them therefore share one stamp file in place of their sources, in a directory named
-by a digest of everything that compiled code depends on. A comment is no part of that.
+Compiled code is kept for other processes in a directory named by a digest of everything that it
+depends on; a comment is no part of that. What is kept is loaded without numba.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ import threading
 import types
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -37,6 +36,8 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints, overload
 
 import numpy as np
+
+from .kept_kernels import MachineCode
 
 F = TypeVar('F', bound=Callable[..., Any])
 T = TypeVar('T')
@@ -169,12 +170,12 @@ def unpack(record: Any, state: Any) -> None:
         setattr(state, name, bool(value) if kind is bool else value)
 
 
-_STAMP = 'kernels.py'
-
-
 def _digest() -> str:
-    """Return a digest of what kernels do, comments and places apart, and of the compiler."""
+    """Return a digest of what kernels do, comments and places apart, of compiler and processor."""
+    import llvmlite.binding as llvm
+
     parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
+    parts += [llvm.get_host_cpu_name(), sorted(llvm.get_host_cpu_features().items())]
     for name, value in sorted(_namespace().items()):
         if not callable(value):
             parts.append((name, value))
@@ -185,8 +186,8 @@ def _digest() -> str:
         constants = [value for value in code.co_consts if value != function.__doc__]
         parts += [name, name in _INLINE, function.__defaults__, constants]
         parts += [code.co_code, code.co_names, code.co_varnames]
-    # Code of the same kernels that is linked in another way is other code, too.
-    for maker in (_part_compiler, _entry_compiler, _compiled_only_row):
+    # Code of the same kernels that is linked or kept in another way is other code, too.
+    for maker in (_part_compiler, _entry_compiler, _compiled_only_row, _compile):
         for code in _codes(unwrap(maker).__code__):
             texts = [value for value in code.co_consts if not isinstance(value, types.CodeType)]
             parts += [code.co_code, code.co_names, texts]
@@ -202,19 +203,14 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 
 @cache
-def stamp() -> Path | None:
-    """Return the stamp file, beside which numba caches compiled kernels; None without a place."""
+def directory() -> Path | None:
+    """Return where compiled kernels are kept; None without a place."""
     places = [os.environ.get('NUMBA_CACHE_DIR'), os.environ.get('XDG_CACHE_HOME'), '~/.cache']
     for base in filter(None, places):
         try:
-            path = Path(base).expanduser() / 'impact_damper_ros' / f'kernels-{_digest()}' / _STAMP
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if not path.exists():
-                draft = path.with_name(f'{os.getpid()}.part')
-                draft.write_text('# Stands for the sources of the kernels\n', encoding='utf-8')
-                os.utime(draft, (0, 0))
-                draft.replace(path)
-            if os.access(path.parent, os.W_OK):
+            path = Path(base).expanduser() / 'impact_damper_ros' / f'kernels-{_digest()}'
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if os.access(path, os.W_OK):
                 return path
         except (OSError, PackageNotFoundError, RuntimeError):
             continue
@@ -387,47 +383,35 @@ def _once_for_all_values(function: Any) -> Any:
     return function
 
 
-@cache
-def _dispatcher(name: str) -> Any:
-    """Return a kernel that Python is to call, to be compiled and kept for other processes."""
+def _compile(name: str, arguments: Sequence[Any]) -> tuple[Any, MachineCode]:
+    """Compile a kernel that Python is to call; return it, and its code to be kept."""
     import numba
 
-    function, keep = _KERNELS[name], stamp()
+    function = _KERNELS[name]
     code = function.__code__
-    if keep is not None:
-        # numba looks for a function by the file and the line where it begins.
-        code = code.replace(co_filename=str(keep), co_firstlineno=1)
     twin = types.FunctionType(code, compiled_namespace(), name, function.__defaults__)
     twin.__module__, twin.__qualname__ = function.__module__, f'{name}_entry'
-    return numba.njit(
+    loop = numba.njit(
         twin,
         nogil=True,
         error_model='numpy',
-        cache=keep is not None,
         _nrt=False,
         pipeline_class=_entry_compiler('only_row' in code.co_names),
     )
-
-
-def _report(log: logging.Logger, what: str) -> None:
-    """Report once that something is compiled."""
-    if what not in _REPORTED:
-        log.warning('compiling the %s, once for each version (about 7 s)', what)
-    _REPORTED.add(what)
-
-
-def _notice(log: logging.Logger, what: str) -> Any:
-    """Report once that numba compiles something; it does not where it loads what is kept."""
-    from numba.core.event import Listener, install_listener
-
-    class Notice(Listener):  # type: ignore[misc]
-        def on_start(self, _event: Any) -> None:
-            _report(log, what)
-
-        def on_end(self, _event: Any) -> None:
-            pass
-
-    return install_listener('numba:compile', Notice())
+    kinds = tuple(map(numba.typeof, arguments))
+    with _without_collection():
+        loop.compile(kinds)
+    made = loop.overloads[kinds]
+    module = made.library._final_module
+    needed = [one for one in module.functions if one.is_declaration]
+    needed += [one for one in module.global_variables if one.is_declaration]
+    names = tuple(one.name for one in needed if not one.name.startswith('llvm.'))
+    return loop.get_overload(kinds), MachineCode(
+        bytes(made.library._get_compiled_object()),
+        made.fndesc.llvm_cpython_wrapper_name,
+        made.target_context.get_env_name(made.fndesc),
+        names,
+    )
 
 
 @contextmanager
@@ -460,33 +444,50 @@ def compile_elsewhere() -> None:
     _ELSEWHERE.set()
 
 
-def _is_kept(loop: Any, kinds: tuple[Any, ...]) -> bool:
-    """Return whether a kernel is kept for arguments of these types, well or damaged."""
-    try:
-        index = loop._cache._cache_file._load_index()
-    except Exception:
-        # Whatever pickle raises
-        return True
-    return loop._cache._index_key(kinds, loop.targetctx.codegen()) in index
-
-
-def _keep(name: str, kinds: tuple[Any, ...]) -> None:
+def _keep_elsewhere(name: str, arguments: Sequence[Any], path: Path) -> None:
     """Have a kernel compiled and kept by another process; if that fails, nothing is kept."""
     modules = sorted({function.__module__ for function in _KERNELS.values()})
     program = (
         'import importlib, os, pickle, sys\n'
         'os.nice(10)\n'
-        'modules, name, kinds = pickle.load(sys.stdin.buffer)\n'
+        'modules, name, arguments, path = pickle.load(sys.stdin.buffer)\n'
         'list(map(importlib.import_module, modules))\n'
-        f'from {__name__} import _dispatcher\n'
-        '_dispatcher(name).compile(kinds)\n'
+        f'from {__name__} import _compile\n'
+        '_compile(name, pickle.loads(arguments))[1].write(path)\n'
     )
-    subprocess.run(
-        [sys.executable, '-c', program],
-        input=pickle.dumps((modules, name, kinds)),
-        stderr=subprocess.DEVNULL,
-        check=False,
-    )
+    with suppress(TypeError, AttributeError, pickle.PicklingError):
+        subprocess.run(
+            [sys.executable, '-c', program],
+            input=pickle.dumps((modules, name, pickle.dumps(tuple(arguments)), path)),
+            stderr=subprocess.DEVNULL,
+            check=False,
+        )
+
+
+def _kind(argument: Any) -> str:
+    """Return what compiled code has to know of an argument."""
+    if isinstance(argument, tuple):
+        return f'{type(argument).__name__}({",".join(map(_kind, argument))})'
+    if isinstance(argument, np.ndarray | np.void):
+        dtype, flags = argument.dtype, argument.flags
+        order = flags.c_contiguous, flags.f_contiguous, flags.writeable
+        return f'{type(argument).__name__}{argument.ndim}{order}{dtype.descr}{dtype.itemsize}'
+    return type(argument).__name__
+
+
+def _load_kept(name: str, path: Path, log: logging.Logger) -> Any:
+    """Return a kernel that is kept; None if it is not, or damaged."""
+    try:
+        return MachineCode.read(path).load(name)
+    except FileNotFoundError:
+        return None
+    except Exception as error:
+        # Whatever a file raises that another program has written
+        log.warning(
+            'the compiled code kept in %s is damaged (%s): it is compiled again', path, error
+        )
+        path.unlink(missing_ok=True)
+        return None
 
 
 def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form: str = '') -> Any:
@@ -501,32 +502,30 @@ def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form:
     key = name, form
     if key in _ENTRIES:
         return _ENTRIES[key]
-    import numba
-
-    log = logging.getLogger(__package__)
-    loop, kinds = _dispatcher(name), tuple(map(numba.typeof, arguments))
-    if _ELSEWHERE.is_set() and stamp() is not None and not _is_kept(loop, kinds):
-        _report(log, what)
-        _keep(name, kinds)
-    with _notice(log, what), _without_collection():
+    log, place, entry = logging.getLogger(__package__), directory(), None
+    if place is not None:
+        kinds = hashlib.sha256(_kind(tuple(arguments)).encode()).hexdigest()[:16]
+        path = place / f'{name}-{kinds}'
+        entry = _load_kept(name, path, log)
+    if entry is None:
+        if what not in _REPORTED:
+            log.warning('compiling the %s, once for each version (about 7 s)', what)
+        _REPORTED.add(what)
+        if place is not None and _ELSEWHERE.is_set():
+            _keep_elsewhere(name, arguments, path)
+            entry = _load_kept(name, path, log)
+    if entry is None:
+        entry, code = _compile(name, arguments)
         try:
-            loop.compile(kinds)
+            if place is not None:
+                code.write(path)
         except OSError as error:
             log.warning(
                 'the compiled code cannot be kept (%s): the next process compiles it again',
                 error.strerror or error,
             )
-            loop.compile(kinds)
-        except Exception as error:
-            # Whatever pickle and LLVM raise; what is wrong with the kernel comes up again.
-            log.warning(
-                'the compiled code kept beside %s is damaged (%s): it is compiled again',
-                *(stamp(), error),
-            )
-            loop._cache.flush()
-            loop.compile(kinds)
-    _ENTRIES[key] = loop.get_overload(kinds)
-    return _ENTRIES[key]
+    _ENTRIES[key] = entry
+    return entry
 
 
 def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:

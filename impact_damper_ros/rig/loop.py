@@ -605,17 +605,17 @@ def run_each(
         else:
             # Here, as no compiled function can return it
             control = Control(
-                controls.controller[k],
-                controls.estimates[k],
-                controls.search[k],
-                controls.actuators[k],
-                controls.commands[k],
-                controls.settings[k],
-                controls.amplitude_law[k],
-                controls.timed_law[k],
-                controls.refusal[k],
-                controls.memory[k],
-                controls.law,
+                controls[0][k],
+                controls[1][k],
+                controls[2][k],
+                controls[3][k],
+                controls[4][k],
+                controls[5][k],
+                controls[6][k],
+                controls[7][k],
+                controls[8][k],
+                controls[9][k],
+                controls[10],
             )
         moving = Moving(constants[k], lines[k], run, wave, log)
         schedule = Schedule(instants, samples[k], records[0], records[1], records[2], records[3])
@@ -668,10 +668,14 @@ def run_compiled(
     """Run arrays of rigs as `run_each` does, compiled."""
     alone = waves.shape[1] == 1 and controls is None
     arguments = (
-        *(waves[:, 0] if alone else waves, controls, None if controls is None else acts, rigs),
+        # The type of a named tuple would be looked up by numba at each call
+        *(waves[:, 0] if alone else waves, None if controls is None else tuple(controls)),
+        *(None if controls is None else acts, rigs),
         *(log, in_mode, end, outcomes, instants, samples, records, anew, strobes),
     )
-    form = 'control' if controls is not None else 'one harmonic' if alone else 'harmonics'
+    form = 'one harmonic' if alone else 'harmonics'
+    if controls is not None:
+        form = 'control' if controls.law is None else 'own law'
     try:
         compiled(run_each.__name__, arguments, form=form)(*arguments)
     except SystemError as error:

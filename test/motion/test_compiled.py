@@ -13,6 +13,7 @@ import threading
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rigs import HORIZONTAL
 from running import until
@@ -23,6 +24,7 @@ import impact_damper_ros.rig.run_result as run_result
 from impact_damper_ros import Rig, find_orbits
 from impact_damper_ros.motion import compiled
 from impact_damper_ros.motion.flight import motion_at
+from impact_damper_ros.motion.kept_kernels import MachineCode
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,21 +48,21 @@ def test_kernels_raise_nothing_to_a_constant_power():
         )
 
 
-def test_the_cache_goes_where_it_may(tmp_path, monkeypatch):
+def test_kernels_are_kept_where_they_may_be(tmp_path, monkeypatch):
+    pytest.importorskip('numba')
     blocked = tmp_path / 'a file'
     blocked.write_text('not a directory')
     monkeypatch.setenv('HOME', str(blocked))
     monkeypatch.setenv('XDG_CACHE_HOME', str(blocked))
     monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
-    find = compiled.stamp.__wrapped__
+    find = compiled.directory.__wrapped__
     assert find() is None
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
-    stamp = find()
-    assert stamp.is_relative_to(tmp_path / 'cache' / 'impact_damper_ros')
-    assert find() == stamp
-    assert stamp.stat().st_mtime_ns == 0
+    place = find()
+    assert place.parent == tmp_path / 'cache' / 'impact_damper_ros'
+    assert find() == place
     monkeypatch.setattr(compiled, '_digest', lambda: 'other sources')
-    assert find().parent != stamp.parent
+    assert find() != place
 
 
 def test_digest_depends_on_what_kernels_do(monkeypatch):
@@ -87,32 +89,59 @@ def test_kept_kernels_share_no_names():
     pytest.importorskip('numba')
     Rig(HORIZONTAL, compiled=True).run(9.0)
     find_orbits(HORIZONTAL, (1, 2), simulate=False)
-    kept = list(compiled.stamp().parent.rglob('*.nbc'))
-    names = [
-        set(re.findall(rb'_ZN17impact_damper_ros[\w.$]+', file.read_bytes())) for file in kept
-    ]
+    kept = [MachineCode.read(file).code for file in compiled.directory().iterdir()]
+    names = [set(re.findall(rb'_ZN17impact_damper_ros[\w.$]+', code)) for code in kept]
     assert len(kept) > 1
     assert all(names)
     assert not [one & other for one, other in combinations(names, 2) if one & other]
 
 
-def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypatch):
-    """As on a full disk: numba saves after it has compiled."""
+KEPT = """
+import sys
+from impact_damper_ros import GapControlParameters, Rig, RigParameters, find_orbits
+
+rig = Rig(RigParameters(gravity=0.0), compiled=True)
+rig.run(9.0)
+controlled = Rig(rig.parameters, control=GapControlParameters(gap_control='timed'), compiled=True)
+controlled.run(60.0)
+orbits = find_orbits(rig.parameters, (1, 2), simulate=False).orbits
+print(sorted(name for name in sys.modules if name.split('.')[0] == 'numba'))
+if {more}:
+    import numba
+
+    Rig(rig.parameters, law=numba.njit(lambda seen, memory: (9.0, -9.0)), compiled=True).run(9.0)
+    again = Rig(rig.parameters, compiled=True)
+    again.run(9.0)
+    print(again.snapshot() == rig.snapshot())
+print(controlled.snapshot(), orbits)
+"""
+
+
+def test_what_is_kept_is_loaded_without_numba():
+    """But for its extension modules; and numba works beside it, if it is needed later."""
     pytest.importorskip('numba')
-    calls = []
 
-    class Loop:
-        def compile(self, kinds):
-            calls.append(kinds)
-            if len(calls) == 1:
-                raise OSError(errno.EFBIG, 'File too large')
+    def lines(more):
+        words = [sys.executable, '-c', KEPT.replace('{more}', str(more))]
+        return subprocess.check_output(words, text=True, cwd=ROOT).splitlines()
 
-        def get_overload(self, kinds):
-            assert calls == [kinds, kinds]
-            return lambda number: number + 1
+    lines(more=True)
+    modules, result = lines(more=False)
+    assert modules == "['numba._dynfunc', 'numba._helperlib']"
+    assert lines(more=True) == [modules, 'True', result]
 
-    monkeypatch.setattr(compiled, '_dispatcher', lambda _: Loop())
+
+def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypatch):
+    """As on a full disk."""
+    pytest.importorskip('numba')
+
+    def write(*_):
+        raise OSError(errno.EFBIG, 'File too large')
+
+    monkeypatch.setattr(compiled, '_compile', lambda *_: (lambda number: number + 1, code))
     monkeypatch.setattr(compiled, '_ENTRIES', {})
+    monkeypatch.setattr(MachineCode, 'write', write)
+    code = MachineCode(b'', '', '', ())
     assert compiled.compiled('loop', (5,))(5) == 6
     assert 'cannot be kept (File too large)' in caplog.text
 
@@ -144,30 +173,26 @@ def test_what_runs_on_without_a_compiler_says_so(installed, words, monkeypatch, 
 def test_compiling_and_damage_are_reported_and_loading_is_not(
     elsewhere, caplog, monkeypatch, tmp_path
 ):
-    """Elsewhere, a process compiles what this one then loads; what is damaged, this one does."""
+    """Elsewhere, a process compiles what this one then loads."""
     pytest.importorskip('numba')
     monkeypatch.setattr(compiled, '_ELSEWHERE', threading.Event())
     if elsewhere:
         compiled.compile_elsewhere()
-    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
-    monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
-    stamp, arguments = compiled.stamp.__wrapped__(), (1.0, 2.0, 0.0, 0.5)
-    assert stamp.is_relative_to(tmp_path)
-    monkeypatch.setattr(compiled, 'stamp', lambda: stamp)
-    loops, dispatcher = [], compiled._dispatcher.__wrapped__
-    monkeypatch.setattr(
-        compiled, '_dispatcher', lambda name: loops.append(dispatcher(name)) or loops[-1]
-    )
-    damaged = [f'the compiled code kept beside {stamp} is damaged', 'compiling the simulator']
-    for suffix, damage, notices in (
-        ('', None, ['compiling the simulator']),
-        ('', None, []),
-        ('.nbi', lambda data: data[: len(data) // 2], damaged),
-        ('.nbi', lambda data: data.replace(b'chatter', b'chat\xcaer'), damaged),
-        ('.nbc', lambda data: bytes(len(data)), damaged),
-        ('', None, []),
+        monkeypatch.setattr(compiled, '_compile', None)
+    monkeypatch.setattr(compiled, 'directory', lambda: tmp_path)
+    arguments = (1.0, 2.0, 0.0, 0.5)
+    fine = ['compiling the simulator']
+    damaged = [f'the compiled code kept in {tmp_path}/chatter_duration-', *fine]
+    for damage, notices in (
+        (None, fine),
+        (None, []),
+        (lambda data: data[: len(data) // 2], damaged),
+        (lambda data: data.replace(b'chatter', b'chat\xcaer'), damaged),
+        (lambda data: bytes(len(data)), damaged),
+        (lambda _: b'', damaged),
+        (None, []),
     ):
-        for kept in stamp.parents[1].parent.rglob(f'*{suffix}') if suffix else ():
+        for kept in tmp_path.iterdir() if damage else ():
             kept.write_bytes(damage(kept.read_bytes()))
         monkeypatch.setattr(compiled, '_ENTRIES', {})
         monkeypatch.setattr(compiled, '_REPORTED', set())
@@ -175,9 +200,18 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(
         said = [record.message for record in caplog.records]
         assert len(said) == len(notices)
         assert all(map(str.startswith, said, notices))
-        loaded = not notices or (elsewhere and notices is not damaged)
-        assert sum(loops[-1].stats.cache_hits.values()) == loaded
+        assert len(list(tmp_path.iterdir())) == 1
         caplog.clear()
+
+
+def test_another_kind_of_argument_is_other_code():
+    kind = compiled._kind
+    array = np.zeros((2, 3))
+    for other in (array[:, ::2], array.T, array[0], array.astype('f4'), array.tolist(), 1, None):
+        assert kind(other) != kind(array)
+    rows, others = np.zeros(2, [('a', 'f8')]), np.zeros(2, [('b', 'f8')])
+    assert len({kind((one, 1.0)) for one in (rows, others, rows[0])}) == 3
+    assert kind(np.ones((4, 3))) == kind(array)
 
 
 @pytest.mark.parametrize('code', [False, True])
