@@ -74,7 +74,7 @@ setup(
         'argcomplete>=2.0',
         'lz4>=4.0',
         'mcap>=1.5',
-        # Compiled long runs; without it they are plain Python (motion/compiled.py).
+        # Compiled long runs; without it they are plain Python (motion/kernels.py).
         'numba>=0.59,<0.69',
         'numpy>=1.24.2',
         'PyYAML>=6.0',

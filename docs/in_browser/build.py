@@ -53,14 +53,14 @@ LEFT_OUT = {
     },
     'Control': {'as_dict', 'restore', 'unpack'},
     'RunTables': {'room', 'wrote', 'events'},
-    'PeriodicOrbit': {'as_dict', 'mirrored', '__repr__'},
+    'PeriodicOrbit': {'as_dict', 'mirror_image', '__repr__'},
     'Source': {'news', 'tick', 'frame', 'handle', 'close'},
     'OwnLaw': ALL,
     'MeasuredRecord': ALL,
 }
 #: What the runtime has in place of Python.
 REPLACED = {
-    *('copied', 'specs_of', 'rows_of', 'own_law_acts', 'resolved', 'shown'),
+    *('copy_of', 'specs_of', 'rows_of', 'own_law_acts', 'resolve_structure', 'quote'),
     'similar_names',
     *('table_of_events', 'events_of_table', 'load_presets', 'rig_on'),
 }

@@ -412,7 +412,7 @@ function $enumeration(name, members) {
   kind[Symbol.iterator] = () => Object.values(members).values();
   return kind;
 }
-const copied = (state) => Object.assign(Object.create(Object.getPrototypeOf(state)), state);
+const copy_of = (state) => Object.assign(Object.create(Object.getPrototypeOf(state)), state);
 const specs_of = (kind) => kind.specs;
 
 // Functions of Python
@@ -505,7 +505,7 @@ const isinstance = (value, kinds) => [kinds].flat().some((kind) => {
   if (kind === list || kind === tuple) return Array.isArray(value);
   return kind === dict ? $plain(value) : value instanceof kind;
 });
-const shown = (value) => $format(value, '', true);
+const quote = (value) => $format(value, '', true);
 const attrgetter = (...names) => (one) => (names.length > 1 ? names.map((name) => one[name]) : one[names[0]]);
 const bisect_left = (rows, value) => {
   const place = rows.findIndex((one) => one >= value);
@@ -553,5 +553,5 @@ const $exponent = (text) => text.replace(/e([+-])(\d)$/, 'e$10$2');
 const table_of_events = () => { throw new Error('no table of events'); };
 const events_of_table = table_of_events;
 const own_law_acts = () => { throw new Error('no law of its own'); };
-const resolved = (changes) => changes;
+const resolve_structure = (changes) => changes;
 const similar_names = () => '';

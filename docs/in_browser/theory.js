@@ -237,7 +237,7 @@ function rig_on({ run, waves }, parameters) {
 /** A rig in the state of a run. */
 function continued(rig, run, angles) {
   const kept = Object.assign(new Run(), run);
-  Object.assign(rig, { _run: copied(kept), _waves: angles.map((angle) => new Wave(angle)), _unreported: [] });
+  Object.assign(rig, { _run: copy_of(kept), _waves: angles.map((angle) => new Wave(angle)), _unreported: [] });
   begin_flight(rig._moving());
   const { searched, crossing_side, watched, crossing, now, time, time_low } = kept;
   Object.assign(rig._run, { searched, crossing_side, watched, crossing, counted_from: now, counted: now - time - time_low });
@@ -313,7 +313,7 @@ function guessAlong(rig, instant, period) {
 const guessPerformed = (orbit, parameters) => guessAlong(after_impact(orbit, parameters), orbit.instants[0], orbit.period);
 
 /** The motion that Newton's method leads to from a guess, if the rig can perform it; else null. */
-function solved(parameters, guess, cycles) {
+function solve_orbit(parameters, guess, cycles) {
   for (let look = 0; guess && look < MOST_LOOKS; look += 1) {
     const problem = new PeriodicProblem(parameters, guess.nodes, cycles);
     const solution = problem.solveFrom(problem.unknowns(guess.states, guess.instants));
@@ -329,7 +329,7 @@ function solved(parameters, guess, cycles) {
 
 /** The motion near a solution, with the same stops, that a rig performs, begun at the same impact; or null. */
 function performed(orbit, parameters) {
-  const other = solved(parameters, guessPerformed(orbit, parameters), orbit.cycles);
+  const other = solve_orbit(parameters, guessPerformed(orbit, parameters), orbit.cycles);
   const turned = other?.nearest_turn(orbit);
   return turned ? Object.assign(turned[0], { guess: other.guess }) : null;
 }
@@ -339,7 +339,7 @@ function orbitNear(parameters, impact, phase, cycles) {
   const cycle = 2 * Math.PI / parameters.first_harmonic[1];
   const instant = cycle * $modulo(phase, cycles);
   const flight = flight_at_impact(machine_of(parameters), instant, impact.stop, impact.x, impact.primary_velocity_after, impact.damper_velocity_after);
-  return solved(parameters, guessAlong(rig_on(flight, parameters), instant, cycles * cycle), cycles);
+  return solve_orbit(parameters, guessAlong(rig_on(flight, parameters), instant, cycles * cycle), cycles);
 }
 
 /** Motions of one impact on each stop in some cycles that the theory of impacts has, the best first. */
@@ -871,7 +871,7 @@ function* theoryOf({ parameters, control, run, angles, before = null }) {
     return { ...document_, expected: prediction.expected };
   };
   // A motion near the last one is the quickest answer, then what the theory of impacts has.
-  const moved = before && before.parameters.one_sided === rig.one_sided ? solved(rig, before.guess, before.cycles) : null;
+  const moved = before && before.parameters.one_sided === rig.one_sided ? solve_orbit(rig, before.guess, before.cycles) : null;
   if (moved) addTo(orbits, moved);
   else for (const orbit of orbitsOfTheory(rig, cycles)) addTo(orbits, orbit);
   if (orbits[0]?.viable) {

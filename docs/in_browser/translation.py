@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.motion import compiled
+from impact_damper_ros.motion import kernels
 
 OPERATORS = {
     ast.Add: ('+', '$add'),
@@ -241,7 +241,7 @@ class Translator:
         except (OSError, TypeError) as error:
             raise TranslationError(f'{where}: {thing!r} has no source') from error
         file = str(inspect.getsourcefile(thing))
-        kernel = compiled._KERNELS.get(thing.__name__)
+        kernel = kernels._KERNELS.get(thing.__name__)
         fast = kernel is thing and not _is_long(tree, vars(module))
         unit = Unit(thing, self.unique(thing.__name__, thing), tree, vars(module), file, fast)
         self.units[id(thing)] = unit

@@ -138,7 +138,7 @@ def watched(
     run.run(settle * period, record=False)
     spent = sum(run.energies)
     flights = run_flights(run, (settle + watch) * period)
-    (found, peak), hits = flights.measured(), flights.impacts
+    (found, peak), hits = flights.integrals(), flights.impacts
     speeds = np.abs(hits['damper_velocity_before'] - hits['primary_velocity_before'])
     return Watched(
         rms=math.sqrt(found.squares / found.covered),

@@ -737,7 +737,7 @@ def control_claim(found: Found) -> Claim:
             )
             run = Rig(rig.replace(friction=friction), control=law, compiled=None)
             run.run(240.0 * cycle, record=False)
-            largest = run_flights(run, 320.0 * cycle).measured()[1]
+            largest = run_flights(run, 320.0 * cycle).integrals()[1]
             controlled = f'{name}, γ = {friction:g}, gap controlled'
             numbers[controlled] = largest / rig.response_amplitude
             if friction:

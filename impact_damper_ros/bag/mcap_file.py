@@ -39,7 +39,7 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from impact_damper_ros.parameters.quoting import plural, shown
+from impact_damper_ros.parameters.quoting import plural, quote
 
 from .errors import RecordingError
 from .topics import Channel, full_type
@@ -496,4 +496,4 @@ def _pieces(compression: str, packed: bytes, step: int) -> Iterator[bytes]:
     elif compression == '':
         yield packed
     else:
-        raise ValueError(f'unknown compression {shown(compression)}')
+        raise ValueError(f'unknown compression {quote(compression)}')

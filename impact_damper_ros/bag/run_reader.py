@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, cast
 
 import yaml
 
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 from .errors import RecordingError
 from .mcap_file import McapFile
@@ -185,7 +185,7 @@ class RunReader:
         there = {file.path.name for file in self.files} | set(self._empty)
         names = [name for name in listed_files(self._listing) if name not in there]
         others = f' and {len(names) - 1} more' if len(names) > 1 else ''
-        return f'metadata.yaml lists {shown(names[0])}{others}, not there' if names else ''
+        return f'metadata.yaml lists {quote(names[0])}{others}, not there' if names else ''
 
     @property
     def own(self) -> bool:
@@ -203,7 +203,7 @@ class RunReader:
         found = [f'{name} is empty: the recording was cut short there' for name in self._empty]
         if source := self.custom.get('recovered_from'):
             found.append(
-                f'the bag is recovered from {shown(source)}: '
+                f'the bag is recovered from {quote(source)}: '
                 f'{self.custom.get("lost_bytes", "?")} bytes were lost, and '
                 f'{self.custom.get("doubtful", "?")} of its messages may be altered'
             )

@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 _DEFINITIONS = files('impact_damper_ros.bag') / 'definitions'
 _SEPARATOR = '=' * 80
@@ -40,7 +40,7 @@ def type_hash(interface: str) -> str:
     except KeyError:
         known = ', '.join(type_hashes())
         raise ValueError(
-            f'no definition of {shown(interface)} is shipped; known types: {known}'
+            f'no definition of {quote(interface)} is shipped; known types: {known}'
         ) from None
 
 

@@ -24,7 +24,7 @@ from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, check_new, is_stream, output_fault, write_text
 from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
 from impact_damper_ros.parameters.plain import json_text
-from impact_damper_ros.parameters.quoting import as_message, shown
+from impact_damper_ros.parameters.quoting import as_message, quote
 from impact_damper_ros.parameters.units import UNITS, in_si, si_value, split_number
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError
 
@@ -287,7 +287,7 @@ def motion_size(text: str) -> tuple[float, str]:
     names = [name for units in QUANTITIES.values() for name in UNITS[units]]
     if size is None or not size > 0.0 or unit not in names:
         raise argparse.ArgumentTypeError(
-            f'{shown(text)}: give a positive displacement, velocity or acceleration with its '
+            f'{quote(text)}: give a positive displacement, velocity or acceleration with its '
             'unit, such as 10mm, 2m/s or 3g'
         )
     of = quantity_of(unit)

@@ -14,16 +14,16 @@ import numpy as np
 
 from impact_damper_ros.design.bench_plan import PlannedRun, planned_runs
 from impact_damper_ros.design.damper_design import Design, best_design
-from impact_damper_ros.design.fitted import load_fitted
+from impact_damper_ros.design.fit_file import load_fitted
 from impact_damper_ros.design.mass_damper import Comparison, compare_dampers
 from impact_damper_ros.design.runs_from_rest import widest_hit
 from impact_damper_ros.design.worst_case import WorstCases, worst_cases
-from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.all_parameters import RIG_SPECS
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
 from impact_damper_ros.parameters.parameters_file import presets, rig_yaml
 from impact_damper_ros.parameters.plain import as_plain
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import si_value, split_number
 from impact_damper_ros.report import design_report as report
@@ -85,7 +85,7 @@ def _value(name: str) -> Callable[[str], float]:
 
     def read(text: str) -> float:
         try:
-            value = spec.checked(text)
+            value = spec.check(text)
         except ParameterError as error:
             raise argparse.ArgumentTypeError(str(error)) from error
         return float(value[0] if isinstance(value, tuple) else value)
@@ -100,12 +100,12 @@ def _range(name: str) -> Callable[[str], tuple[float, float]]:
     def read(text: str) -> tuple[float, float]:
         if ends_given := _DASHED.fullmatch(text):
             raise argparse.ArgumentTypeError(
-                f'{shown(text)}: a range is LOW:HIGH: write {ends_given[1]}:{ends_given[2]}'
+                f'{quote(text)}: a range is LOW:HIGH: write {ends_given[1]}:{ends_given[2]}'
             )
         ends = [one(part) for part in text.split(':')]
         if len(ends) > 2 or ends[0] > ends[-1]:
             raise argparse.ArgumentTypeError(
-                f'{shown(text)}: give a number, or a range LOW:HIGH with the low end first'
+                f'{quote(text)}: give a number, or a range LOW:HIGH with the low end first'
             )
         return ends[0], ends[-1]
 
@@ -125,7 +125,7 @@ def _levels(text: str) -> tuple[float, float]:
         low = high = math.nan
     if not 0.0 < low <= 1.0 <= high < 1e3:
         raise argparse.ArgumentTypeError(
-            f'{shown(text)}: give a range of factors around 1, such as 0.5:2'
+            f'{quote(text)}: give a range of factors around 1, such as 0.5:2'
         )
     return low, high
 

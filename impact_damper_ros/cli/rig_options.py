@@ -28,7 +28,7 @@ from impact_damper_ros.parameters.parameters_file import (
     rig_yaml,
     yaml_value,
 )
-from impact_damper_ros.parameters.quoting import named, shown, similar_names
+from impact_damper_ros.parameters.quoting import as_name, quote, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     InitialConditions,
@@ -165,7 +165,7 @@ def given_rig(
     texts = {
         name: text
         for name in ('control_law', *RECORDS)
-        if name in other and (text := str(SETTING_SPECS[name].checked(other[name]))) != 'none'
+        if name in other and (text := str(SETTING_SPECS[name].check(other[name]))) != 'none'
     }
     given = overridden(
         settings, GivenRig(parameters, initial, control, texts), with_control=with_control
@@ -178,7 +178,7 @@ def given_rig(
     for name in RECORDS:
         if name in texts and not with_records:
             raise ValueError(
-                f'{params}: {name} is {named(texts[name])}: this command is for rigs without '
+                f'{params}: {name} is {as_name(texts[name])}: this command is for rigs without '
                 'records: leave it out of the file'
             )
     return given
@@ -205,24 +205,25 @@ def values_of(
         name, _, text = setting.partition('=')
         name = name.strip()
         if not text.strip():
-            raise ValueError(f'{option}{named(setting)}: give NAME=VALUE')
+            raise ValueError(f'{option}{as_name(setting)}: give NAME=VALUE')
         if name.removesuffix(':') in names and name.endswith(':'):
-            raise ValueError(f'{option}{named(setting)}: write {name[:-1]}={named(text)}')
+            raise ValueError(f'{option}{as_name(setting)}: write {name[:-1]}={as_name(text)}')
         if name not in names:
             close = similar_names(name, names)
             remedy = f'did you mean {close}?' if close else f'{listing} lists all parameters'
             raise ValueError(
-                f'{option}{named(setting)}: there is no parameter {named(name)} to set: {remedy}'
+                f'{option}{as_name(setting)}: there is no parameter {as_name(name)} to set: '
+                f'{remedy}'
             )
         if name in values:
-            raise ValueError(f'{option}{named(setting)}: {name} is given twice: give it once')
+            raise ValueError(f'{option}{as_name(setting)}: {name} is given twice: give it once')
         try:
             values[name] = yaml_value(text)
         except YamlError as error:
             # The line would be that of a file
             reason = str(error).removeprefix('line 1: ')
             raise ValueError(
-                f'{option}{named(setting)}: {shown(text)} is not a value: {reason}'
+                f'{option}{as_name(setting)}: {quote(text)} is not a value: {reason}'
             ) from error
     return values
 
@@ -232,7 +233,7 @@ def setting_value(name: str) -> Callable[[str], Any]:
 
     def read(text: str) -> Any:
         try:
-            return SETTING_SPECS[name].checked(yaml_value(text))
+            return SETTING_SPECS[name].check(yaml_value(text))
         except ValueError as error:
             raise argparse.ArgumentTypeError(str(error)) from error
 
@@ -254,8 +255,8 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
             time = -1.0
         if not colon or not 0.0 < time <= duration:
             raise ValueError(
-                f'--change {named(setting)}: give TIME:NAME=VALUE with a time above 0 s and up to '
-                f'the {duration:g} s of the run'
+                f'--change {as_name(setting)}: give TIME:NAME=VALUE with a time above 0 s and up '
+                f'to the {duration:g} s of the run'
             )
         timed.append((round(time * 1e9), change))
     changes = []

@@ -22,9 +22,9 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from impact_damper_ros.motion.compiled import compile_elsewhere
+from impact_damper_ros.motion.kernels import compile_elsewhere
 from impact_damper_ros.parameters.parameters_file import load_parameters, preset_file
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 from .command_line import (
     EXIT_FAILED,
@@ -111,7 +111,7 @@ def _node(text: str) -> str:
     name = f'/{text.removeprefix("/")}' if text else ''
     if text and not re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', name):
         raise argparse.ArgumentTypeError(
-            f'{shown(text)}: no node has such a name; give one such as /sim_node'
+            f'{quote(text)}: no node has such a name; give one such as /sim_node'
         )
     return name
 

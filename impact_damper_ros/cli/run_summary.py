@@ -113,7 +113,7 @@ class RunSummary(Observer):
             flights = self._begin.flights(rig, table_of_events(self._passed))
             cycle = cycle_at(parameters)
             since = max(1, int((rig.time - flights.starts[0]) / cycle + _WHOLE)) * cycle
-            found = flights.cut(rig.time - since, rig.time).measured()[0]
+            found = flights.cut(rig.time - since, rig.time).integrals()[0]
             lines.append(transmissibility_text(found.transmissibility, parameters))
         if rig.control.active:
             (spent_1, spent_2), (stop_1, stop_2) = rig.energies, rig.stops

@@ -22,13 +22,13 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import rig_nodes
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS, unit_of
 from impact_damper_ros.parameters.description import frequency_hint
-from impact_damper_ros.parameters.quoting import named, printable, setting
+from impact_damper_ros.parameters.quoting import as_name, printable, setting
 from impact_damper_ros.parameters.rig_parameters import (
     PARAMETER_SPECS,
     RigParameters,
     checked_number,
 )
-from impact_damper_ros.parameters.structure import STRUCTURE_SPECS, resolved
+from impact_damper_ros.parameters.structure import STRUCTURE_SPECS, resolve_structure
 from impact_damper_ros.report.table import ColumnHead, Table
 
 from .command_line import EXIT_FAILED, MISSING_ROS, CommandError, command_parser, outcome, say
@@ -90,7 +90,7 @@ class RigParameterClient:
             self._rig = RigClient(node, self.name, PARAMETERS)
         except NameValidationException as error:
             raise CommandError(
-                f'--node {named(self.name)}: no node has such a name; give one such as /sim_node'
+                f'--node {as_name(self.name)}: no node has such a name; give one such as /sim_node'
             ) from error
         end = time.monotonic() + PATIENCE_S
         while not self._rig.ready:
@@ -262,7 +262,9 @@ def _set(arguments: argparse.Namespace) -> int:
         present = rig.values()
         known = _unit_note(present)
         given = values_of(arguments.settings, [*present, *STRUCTURE_SPECS], '', 'set_rig')
-        given = resolved(given, checked_number, present['primary_mass'], present['stiffness'])
+        given = resolve_structure(
+            given, checked_number, present['primary_mass'], present['stiffness']
+        )
         if given:
             if waits := rig.set(given):
                 say('set_rig', waits)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from impact_damper_ros.node.usage import answer
 from impact_damper_ros.parameters.parameters_file import presets
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 from .command_line import EXIT_INPUT, MISSING_ROS, outcome, say
 
@@ -25,7 +25,7 @@ def _missing(words: Sequence[str]) -> str:
             known = presets()
             example = known.get(name, known['bench_rig'])
             return (
-                f'--params-file {shown(name)}: there is no such file; give the path of a '
+                f'--params-file {quote(name)}: there is no such file; give the path of a '
                 f'parameters file, such as {example}'
             )
     return ''

@@ -379,7 +379,7 @@ def _plain(orbit: PeriodicOrbit) -> dict[str, Any]:
     plain = orbit.as_dict()
     if orbit.viable and orbit.parameters.base_motion.moves:
         alone = Transmissibility.without_damper(orbit.parameters)
-        plain |= transmissibility(orbit).named() | alone.named('_without_damper')
+        plain |= transmissibility(orbit).by_name() | alone.by_name('_without_damper')
     return plain
 
 

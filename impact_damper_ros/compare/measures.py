@@ -46,7 +46,7 @@ def measured_motion(
     times, hits = flights.rows['time'], flights.impacts
     if len(flights):
         start, end = float(times[0]), float(times[-1])
-    found, largest = flights.measured()
+    found, largest = flights.integrals()
     x_rms = found.x_rms
     if flights.drive is None:
         inside = (stretch.samples['time'] >= start) & (stretch.samples['time'] <= end)
@@ -77,8 +77,8 @@ def energy_balance(
     flights = stretch.flights.cut(start, end)
     if not len(flights):
         return None
-    found, _ = flights.measured()
-    stored = flights.stored()
+    found, _ = flights.integrals()
+    stored = flights.stored_energy()
     spent = found.dashpot + found.friction + found.both + stored
     scale = abs(found.force) + abs(found.air) + found.dashpot + found.friction + abs(found.both)
     return EnergyBalance(

@@ -81,7 +81,7 @@ class SteadyPart:
         """Return all by name, with each transmissibility under a name of its own."""
         values = dict(vars(self))
         shaken: Transmissibility = values.pop('transmissibility')
-        return values | shaken.named()
+        return values | shaken.by_name()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -234,7 +234,7 @@ class StretchBuilder:
         if rows['time'][0] < self._start:
             # A recorder that joined later got an earlier snapshot.
             flights = flights.cut(self._start, math.inf)
-        found, largest = flights.measured()
+        found, largest = flights.integrals()
         self._totals = Integrals(*map(sum, zip(self._totals, found, strict=True)))
         self._largest = largest if math.isnan(self._largest) else max(self._largest, largest)
         self._parts.append(flights)
@@ -280,7 +280,7 @@ class StretchBuilder:
             cause=self._cause,
             parameters=self._rig.parameters,
             control=dict(self._rig.control),
-            flights=Flights.joined(parts),
+            flights=Flights.join(parts),
             samples=np.concatenate([NO_SAMPLES, *self._samples]),
             counts=(self._count, self._missing, sum(self._hits)),
             envelope=self._envelope.finish(),

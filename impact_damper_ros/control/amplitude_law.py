@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from math import nan
 
-from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.kernels import kernel
 
 from .law import place_stops, reach_limit, symmetric_place
 from .state import AmplitudeLaw, Control, Estimates, Measurement, Search

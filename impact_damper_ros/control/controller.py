@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.motion.compiled import kernel, packed_rows
+from impact_damper_ros.motion.kernels import kernel, pack_rows
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
@@ -89,11 +89,11 @@ def packed_control(control: Control) -> Control:
     """Return a copy for compiled kernels: arrays with one row each, that of this control."""
 
     def one(part: Any) -> Any:
-        return packed_rows([part], type(part))
+        return pack_rows([part], type(part))
 
     return control._replace(
         settings=one(control.settings),
-        commands=packed_rows(control.commands, WaitingCommand)[np.newaxis],
+        commands=pack_rows(control.commands, WaitingCommand)[np.newaxis],
         memory=np.array([control.memory], float),
         law=compiled_law(control.law),
         **{name: one(part) for name, part in control.states().items()},

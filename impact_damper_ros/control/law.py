@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from math import inf, nan
 
-from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.kernels import kernel
 
 from .actuator import order_stops
 from .state import Control, Estimates, Measurement, Search, gap_for_amplitude

@@ -19,8 +19,8 @@ from math import inf, nan
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from impact_damper_ros.motion.compiled import kernel
-from impact_damper_ros.parameters.quoting import named, shown
+from impact_damper_ros.motion.kernels import kernel
+from impact_damper_ros.parameters.quoting import as_name, quote
 
 from .law import place_stops
 from .state import MEMORY, Actuators, Control, ControlSettings, Estimates, Measurement, Refusal
@@ -97,7 +97,7 @@ class LawError(ValueError):
 
 def _in_words(error: BaseException) -> str:
     """Return kind and text of an error of somebody else's code, in short."""
-    return f'{type(error).__name__}: {named(error, 400)}'
+    return f'{type(error).__name__}: {as_name(error, 400)}'
 
 
 def _digest(law: Callable[..., Any]) -> str:
@@ -167,14 +167,14 @@ class OwnLaw:
         try:
             imported = import_module(module)
         except (Exception, SystemExit) as error:
-            raise LawError(f'the law {named(text)}: {_in_words(error)}') from error
+            raise LawError(f'the law {as_name(text)}: {_in_words(error)}') from error
         finally:
             sys.path.remove(directory)
         if not hasattr(imported, name):
-            raise LawError(f'the law {named(text)}: the module has no {named(name)}')
+            raise LawError(f'the law {as_name(text)}: the module has no {as_name(name)}')
         law = getattr(imported, name)
         if not callable(law):
-            raise LawError(f'the law {text} is {shown(law)}: give the name of a function')
+            raise LawError(f'the law {text} is {quote(law)}: give the name of a function')
         return cls(law, text)
 
     @property
@@ -196,7 +196,7 @@ class OwnLaw:
             raise self.astray(seen.time, result, seen) from error
         if len(memory) != MEMORY or not all(isinstance(v, int | float) for v in memory):
             raise LawError(
-                f'the law {self.name} has made {shown(memory)} of its memory at {seen.time:.9g} '
+                f'the law {self.name} has made {quote(memory)} of its memory at {seen.time:.9g} '
                 f's: it holds {MEMORY} numbers'
             )
         return stop_1, stop_2
@@ -206,7 +206,7 @@ class OwnLaw:
     ) -> LawError:
         """Return the error of a result that is no places of stops."""
         return LawError(
-            f'the law {self.name} returned {shown(result)} at {time:.9g} s{sent}: return two '
+            f'the law {self.name} returned {quote(result)} at {time:.9g} s{sent}: return two '
             f'places Y within half of gap_max, {0.5 * p.gap_max:g} m, the first at least gap_min, '
             f'{p.gap_min:g} m, above the second, or NaN to leave a stop alone'
         )
@@ -329,7 +329,7 @@ def compiled_law(law: OwnLaw | None) -> Any:
             'with numba.njit, or run it without compiled code'
         )
 
-    def guarded(seen: Any, memory: Any) -> tuple[float, float]:
+    def guard(seen: Any, memory: Any) -> tuple[float, float]:
         try:
             stop_1, stop_2 = function(seen, memory)
         except Exception:
@@ -338,7 +338,7 @@ def compiled_law(law: OwnLaw | None) -> Any:
         return float(stop_1), float(stop_2)
 
     try:
-        return _by_address(numba.njit(_signature())(guarded))
+        return _by_address(numba.njit(_signature())(guard))
     except NumbaError as error:
         # The lines about numba itself are the first and the last ones.
         lines = [line for line in str(error).splitlines() if line and 'pipeline' not in line]

@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import atan2, cos, floor, log, nan, pi, sin, sqrt
 from typing import NamedTuple
 
-from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.parameters.forcing import mix
 from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from math import nan, pi
 from typing import Any, NamedTuple, TypeVar
 
-from impact_damper_ros.motion.compiled import copied, kernel, unpack
+from impact_damper_ros.motion.kernels import copy_of, kernel, unpack
 from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
@@ -498,8 +498,8 @@ class Control(NamedTuple):
         """Return the same control in a state of its own; rows without a command are shared."""
         rows, first = list(self.commands), self.actuators.first
         for k in range(first, first + self.actuators.waiting):
-            rows[k % len(rows)] = copied(rows[k % len(rows)])
-        states = {name: copied(state) for name, state in self.states().items()}
+            rows[k % len(rows)] = copy_of(rows[k % len(rows)])
+        states = {name: copy_of(state) for name, state in self.states().items()}
         return self._replace(commands=rows, memory=self.memory.copy(), **states)
 
     def as_dict(self) -> dict[str, Any]:

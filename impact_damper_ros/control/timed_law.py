@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from math import inf, nan
 
-from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.kernels import kernel
 
 from .actuator import order_stops
 from .law import best_gap, place_stops, symmetric_place

@@ -89,7 +89,7 @@ class Course:
         self.begins[flight + 1] = True
         self.reversals[flight], self.held[flight] = np.zeros(0), np.zeros(0, bool)
 
-    def kept(self, keep: Flags) -> Course:
+    def select(self, keep: Flags) -> Course:
         """Return the course without some impacts; flights join as the first of them is."""
         index = np.flatnonzero(keep)
         begins = self.begins[index].copy()
@@ -107,7 +107,7 @@ class Course:
             [self.held[k] for k in index[:-1]],
         )
 
-    def inserted(self, after: int, rows: Array, stops: Counts, reversals: list[Array]) -> Course:
+    def insert(self, after: int, rows: Array, stops: Counts, reversals: list[Array]) -> Course:
         """
         Return the course with impacts in one flight.
 

@@ -78,16 +78,16 @@ def tones_of(time: Array, values: Array) -> Tones:
     rates = math.tau * np.fft.rfftfreq(4 * len(time), step)
     there = np.isfinite(values)
 
-    def centred(rest: Array) -> Array:
+    def centre(rest: Array) -> Array:
         return np.where(there, rest - rest[there].mean(), 0.0)
 
-    found, left, enough = np.zeros(0), centred(values), _enough(values)
+    found, left, enough = np.zeros(0), centre(values), _enough(values)
     for _ in range(_MOST_TONES):
         spectrum = np.abs(np.fft.rfft(left * np.hanning(len(left)), 4 * len(left)))
         spectrum[:4] = 0.0
 
         def apart(frequencies: Array) -> Array:
-            return centred(values - _sum_of(frequencies, time, values).signal)
+            return centre(values - _sum_of(frequencies, time, values).signal)
 
         start = np.append(found, rates[int(np.argmax(spectrum))])
         found = least_squares(apart, start, x_scale=rates[1], max_nfev=20).x

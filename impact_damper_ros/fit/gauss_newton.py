@@ -155,7 +155,7 @@ class System:
         information: Array = residual_rates.T @ residual_rates - right.T @ found
         return information, -found[: self._size] / self.scale[:, None]
 
-    def released(self, rows: NDArray[np.int64]) -> Array:
+    def release(self, rows: NDArray[np.int64]) -> Array:
         """Return the block of the inverse system that belongs to some conditions."""
         right = np.zeros((self._size + self._count, len(rows)))
         right[self._size + rows, np.arange(len(rows))] = 1.0
@@ -264,7 +264,7 @@ def gains_of_release(shooting: Shooting, solution: FitSolution) -> Array:
     gains = np.zeros(len(shooting.course) - 1)
     if not len(rows):
         return gains
-    inverse = -system.released(rows)
+    inverse = -system.release(rows)
     for k in np.unique(flights[rows]):
         own = np.flatnonzero(flights[rows] == k)
         block = 0.5 * (inverse[np.ix_(own, own)] + inverse[np.ix_(own, own)].T)

@@ -49,7 +49,7 @@ from impact_damper_ros.measured.table import (
     odd_step,
 )
 from impact_damper_ros.parameters.base_motion import quantity_of
-from impact_damper_ros.parameters.quoting import as_line, plural, shown
+from impact_damper_ros.parameters.quoting import as_line, plural, quote
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -279,13 +279,13 @@ def _on_one_clock(table: MeasuredTable) -> MeasuredTable:
                 clock, 0, f'its clock is not that of the motion: export {key} and motion on one'
             )
         # A channel that nothing is connected to
-        title = f'{key} {shown(columns.pop(key).title)}'
+        title = f'{key} {quote(columns.pop(key).title)}'
         described = described.replace(f', {title}', '')
         described += f'; not used, since it is constant and has another clock: {title}'
     return table._replace(columns=columns, described=described)
 
 
-def saturated(motion: Array) -> Mask:
+def saturation_of(motion: Array) -> Mask:
     """
     Return which samples of a signal are cut off by the range of its sensor.
 
@@ -344,7 +344,7 @@ def _repeats_of_values(values: Array) -> int:
     return 1
 
 
-def _filled(
+def _fill_gaps(
     data: MeasuredMotion, missing: NDArray[np.int64], place: Callable[[int], str]
 ) -> MeasuredMotion:
     """Return a motion with missing samples put in, not to be used."""
@@ -437,7 +437,7 @@ def prepare(
         raise ValueError(
             f'{name} is {there[0]:.6g} throughout: name the column that moves with --column'
         )
-    cut = saturated(data.motion)
+    cut = saturation_of(data.motion)
     if options.saturation is not None:
         cut |= np.abs(np.nan_to_num(data.motion)) >= options.saturation
     source = data.source
@@ -453,7 +453,7 @@ def prepare(
         times = found if len(found) else None
         deviation = sampling_deviation(data.time)
     missing = missing_samples(data.time, digit)
-    data = _filled(data, missing, lambda row: place(row * many))
+    data = _fill_gaps(data, missing, lambda row: place(row * many))
     if times is not None:
         low, high = data.time[0], data.time[-1]
         within = np.sort(times[(times >= low) & (times <= high)])

@@ -153,10 +153,10 @@ class NodeMotion(Nodes):
         """Return the fitted signal at all samples, NaN where there is none, and which count."""
         shared, states = self.parts(u)
         node, inside = self._node_of_samples(states)
-        signal = self.sensed(shared, self._signal(shared, states, node))
+        signal = self.sense(shared, self._signal(shared, states, node))
         return np.where(inside, signal, np.nan), inside & (self.weight > 0.0)
 
-    def sensed(self, shared: Array, signal: Array) -> Array:
+    def sense(self, shared: Array, signal: Array) -> Array:
         """Return what the sensor shows of a signal."""
         return signal + self.unknowns.value(shared, 'bias')
 

@@ -19,7 +19,7 @@ from impact_damper_ros.bag import RecordedMessage, RecordingError, RunReader, St
 from impact_damper_ros.bag.messages import JOINT_STATE, STRING, decode, header_ns
 from impact_damper_ros.bag.topic_columns import TYPES, TopicColumns, topic_columns
 from impact_damper_ros.parameters.parameter_spec import check_kind
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay.command import Command, parameters_of, read_command
 
@@ -205,8 +205,8 @@ def _place_of(names: Sequence[str], name: str, found: TopicColumns) -> int:
     """Return the place of a name among those of a topic."""
     if (name or found.usual) in names:
         return names.index(name or found.usual)
-    held = ', '.join(map(shown, names)) or 'none'
-    given = f'no {found.noun} {shown(name)}' if name else f'several {found.noun}s'
+    held = ', '.join(map(quote, names)) or 'none'
+    given = f'no {found.noun} {quote(name)}' if name else f'several {found.noun}s'
     raise ValueError(f'{given} among {held}: name one with --joint')
 
 

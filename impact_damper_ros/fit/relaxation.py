@@ -48,7 +48,7 @@ def relax(course: Course, problem: Problem, *, timed: bool) -> Course:
             if soft == _STAGES[1]:
                 weak[: _unclear(jump, deviation)] = True
             if weak.any():
-                course, broken = course.kept(~weak), broken[~weak]
+                course, broken = course.select(~weak), broken[~weak]
                 check_impacts(len(course))
         shooting = problem(course)
         vibration = shooting.vibration(course.shared)

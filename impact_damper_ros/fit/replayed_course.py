@@ -172,7 +172,7 @@ class ReplayedCourse:
         node = np.clip(np.searchsorted(rows[:, 0], time, side='right') - 1, 0, len(pushes) - 1)
         vibration = shooting.vibration(shared)
         signal = shooting.signal(vibration, rows[:-1], np.array(pushes), node, inside)
-        left = (shooting.sensed(shared, signal) - record.motion[inside]) * weight
+        left = (shooting.sense(shared, signal) - record.motion[inside]) * weight
         return float(np.sqrt(left @ left / (weight > 0.0).sum()))
 
     def _join(self, k: int, end: int, found: Passage, was_cut: bool) -> None:

@@ -127,10 +127,10 @@ class Revised(NamedTuple):
             found = found._replace(course=course, why_cut=why_cut)
             if not course.flies.any():
                 break
-            found = found.solved(problem)
+            found = found.solve(problem)
         return found
 
-    def solved(self, problem: Problem, course: Course | None = None) -> Revised:
+    def solve(self, problem: Problem, course: Course | None = None) -> Revised:
         """Return the fit of its course, or of the same one with other numbers."""
         shooting = problem(course or self.course)
         solution = solve(shooting, shooting.start())

@@ -356,7 +356,7 @@ def _fitted_record(
         return _refusal(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
     # Weights of data and of impact times by the noise that the residuals show
     noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
-    found = found.solved(problem)
+    found = found.solve(problem)
     scale = _scale(measured, found)
     moved: dict[str, float] = {}
     remarks: list[str] = []
@@ -376,14 +376,14 @@ def _fitted_record(
             elif not few or max(map(abs, moved.values()), default=0.0) < _MOVED:
                 break
             # Flights were left out by constants that are others now
-            found = revise(found.course, problem) if few else found.solved(problem)
+            found = revise(found.course, problem) if few else found.solve(problem)
             known = Knowledge.of(found, scale, moved)
         for _ in range(_MOST_CONSTANTS):
             if not known.moves or found.course.flies.mean() < 0.5:
                 break
             moved = {name: moved.get(name, 0.0) + step for name, step in known.steps.items()}
             unknowns = unknowns._replace(rig=known.rig)
-            found = found.solved(problem, found.shooting.course_of(known.unknowns))
+            found = found.solve(problem, found.shooting.course_of(known.unknowns))
             known = Knowledge.of(found, scale, moved)
         flights = int(found.course.flies.sum())
         found = found.without_rejected(problem)

@@ -184,7 +184,7 @@ class Shooting(NodeMotion):
     def _data(self, u: Array) -> Array:
         shared, states = self.parts(u)
         node, inside = self._node_of_samples(states)
-        left = self.sensed(shared, self._signal(shared, states, node)) - self.record.motion
+        left = self.sense(shared, self._signal(shared, states, node)) - self.record.motion
         return np.where(inside, left, 0.0) * self.weight
 
     def _data_rates(self, u: Array) -> sparse.csr_array:

@@ -314,12 +314,12 @@ class _Driven:
         The latter gives at resonance `share` times the deviation of the former.
         """
 
-        def whitened(place: Array, columns: Array) -> Array:
+        def whiten(place: Array, columns: Array) -> Array:
             below, inner, _ = self._factors(place, share)
             white: Array = scipy.signal.lfilter(below, inner, columns, axis=0)
             return white
 
-        return whitened
+        return whiten
 
     def size(self, logarithm: float, place: Array, left: Array) -> float:
         """Return the logarithm of the square of residuals as a filter leaves them."""
@@ -473,16 +473,16 @@ def _changing(parts: list[Part], name: str, unit: str) -> str:
         [(part.amplitude, getattr(part, name), getattr(part, _DEVIATIONS[name])) for part in parts]
     ).T
 
-    def left(degree: int) -> float:
+    def chi_squared(degree: int) -> float:
         """Return chi squared of a polynomial in the logarithm of the amplitude."""
         best = np.polyfit(np.log(size), value, degree, w=1.0 / deviation)
         return float(np.sum(((np.polyval(best, np.log(size)) - value) / deviation) ** 2))
 
     # A slope that chance may make of what scatters more than its deviation says is none
-    scatter = max(1.0, left(1) / (len(parts) - 2))
+    scatter = max(1.0, chi_squared(1) / (len(parts) - 2))
     most, least = int(size.argmax()), int(size.argmin())
     how = 'changes with the amplitude'
-    if left(0) - left(1) < _RARE * scatter:
+    if chi_squared(0) - chi_squared(1) < _RARE * scatter:
         most, least = int(value.argmax()), int(value.argmin())
         how = 'is not constant'
         if value[most] - value[least] < _APART * math.hypot(deviation[most], deviation[least]):

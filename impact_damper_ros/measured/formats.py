@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import as_line, shown
+from impact_damper_ros.parameters.quoting import as_line, quote
 
 from .sheet import Array, Heading, Sheet, TableError, array_sheet, heading
 from .text_table import Body, text_sheet
@@ -94,7 +94,7 @@ def _unpack(source: str, content: bytes) -> bytes:
         raise TableError(
             f'{source}: {tables[0].file_size} bytes unpacked: give at most {_MOST_BYTES}'
         )
-    held = ', '.join(shown(entry.filename) for entry in tables[:10]) or 'none'
+    held = ', '.join(quote(entry.filename) for entry in tables[:10]) or 'none'
     raise TableError(f'{source}: {len(tables)} tables ({held}): unpack it, and give one')
 
 

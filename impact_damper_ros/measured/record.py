@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import as_line, shown
+from impact_damper_ros.parameters.quoting import as_line, quote
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .sheet import ACCELERATION, BASE, FORCE, TIME, Quantity, TableError
@@ -97,19 +97,19 @@ class MeasuredRecord(NamedTuple):
         digest = hashlib.sha256('\n'.join([quantity, *texts.values()]).encode()).hexdigest()
         if digest != copy['digest']:
             raise ValueError(
-                f'the record {shown(copy["name"])} is damaged: its digest does not match'
+                f'the record {quote(copy["name"])} is damaged: its digest does not match'
             )
         if quantity not in _COLUMNS or len(times) != len(values):
             raise ValueError(
-                f'the record {shown(copy["name"])} of {shown(quantity)} has {len(times)} times '
+                f'the record {quote(copy["name"])} of {quote(quantity)} has {len(times)} times '
                 f'and {len(values)} values: give as many'
             )
         rises = np.isfinite(times).all() and (np.diff(times) > 0.0).all()
         if not (rises and len(times) > 1 and times[0] == 0.0):
-            raise ValueError(f'the times of the record {shown(copy["name"])} do not rise from 0')
+            raise ValueError(f'the times of the record {quote(copy["name"])} do not rise from 0')
         if (row := _too_large(values)) is not None:
             raise ValueError(
-                f'the record {shown(copy["name"])} has the value {values[row]:.6g}: give at most '
+                f'the record {quote(copy["name"])} has the value {values[row]:.6g}: give at most '
                 f'{_LARGEST:.0e}'
             )
         kept = tuple((key, copy[key]) for key in COPY)
@@ -185,7 +185,7 @@ def read_records(names: Mapping[str, Any], cycle: float = 0.0) -> list[MeasuredR
     for parameter, quantity in (('force_record', FORCE_RECORD), ('base_record', BASE_RECORD)):
         name = names.get(parameter, 'none')
         if not isinstance(name, str):
-            raise TableError(f'{parameter} is {shown(name)}: give the path of a table, or none')
+            raise TableError(f'{parameter} is {quote(name)}: give the path of a table, or none')
         if name != 'none':
             path = Path(name)
             # Where nobody has that name, the file is not found

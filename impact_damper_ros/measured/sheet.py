@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 from .units import SHOWN, si_unit_of
 
@@ -135,13 +135,13 @@ class Sheet(NamedTuple):
     def titles(self, without: Collection[int] = ()) -> str:
         """Return the headers of all columns but some."""
         left = [h.title for n, h in enumerate(self.headings) if n not in without]
-        return ', '.join(map(shown, left[:20])) + (' ...' if len(left) > 20 else '')
+        return ', '.join(map(quote, left[:20])) + (' ...' if len(left) > 20 else '')
 
     def columns_text(self, places: Mapping[str, int]) -> str:
         """Return which columns are used, and which are not."""
         named = [key for key in places if not key.startswith('time of ')]
         order = sorted(named, key=lambda key: key != 'time')
-        used = ', '.join(f'{key} {shown(self.headings[places[key]].title)}' for key in order)
+        used = ', '.join(f'{key} {quote(self.headings[places[key]].title)}' for key in order)
         left = self.titles(places.values())
         return f'reads {used}{f"; not used: {left}" if left else ""}'
 
@@ -193,7 +193,7 @@ def _place_of(sheet: Sheet, key: str, column: str) -> int:
         return places[0]
     if not places and words.isdigit() and 0 < int(words[:9]) <= len(heads):
         return int(words) - 1
-    problem = f'{"several columns" if places else "no column"} {shown(column)} for the {key}'
+    problem = f'{"several columns" if places else "no column"} {quote(column)} for the {key}'
     numbers = ' and '.join(str(n + 1) for n in places[:3])
     remedy = f': give the number of the column, {numbers}' if places else ''
     raise ColumnError(key, f'{sheet.source}: {problem} among {sheet.titles()}{remedy}')
@@ -239,7 +239,7 @@ def choose(
     if len(best) == 1:
         return best[0]
     if best:
-        both = ' and '.join(shown(sheet.headings[c.place].title) for c in best[:3])
+        both = ' and '.join(quote(sheet.headings[c.place].title) for c in best[:3])
         raise ColumnError(
             key, f'{sheet.source}: {both} may each be the {key}: name one, or rename the others'
         )
@@ -263,10 +263,10 @@ def choose(
 def _unusable(sheet: Sheet, key: str, quantity: Quantity, place: int) -> ColumnError:
     """Return the error of a column whose unit is missing, or another one's."""
     head = sheet.headings[place]
-    problem = 'has no unit' if head.unit is None else f'has the unit {shown(head.unit)}'
+    problem = 'has no unit' if head.unit is None else f'has the unit {quote(head.unit)}'
     known = '; '.join(SHOWN.get(si, 'none') for si in quantity.units)
     return ColumnError(
         key,
-        f'{sheet.source}: column {shown(head.title)} {problem}: write it behind the name, as '
+        f'{sheet.source}: column {quote(head.title)} {problem}: write it behind the name, as '
         f'{quantity.names[0]} [{quantity.units[0]}]; known for {key} are {known}',
     )

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 from .clock import last_digit, missing_samples, rounded_interval
 from .formats import read_sheet
@@ -49,7 +49,7 @@ class MeasuredTable(NamedTuple):
         """Return the error of a row of a column."""
         return TableError(
             f'{self.source}, line {self.lines[row]}, column '
-            f'{shown(self.columns[key].title)}: {problem}'
+            f'{quote(self.columns[key].title)}: {problem}'
         )
 
     def check_finite(self, key: str) -> None:

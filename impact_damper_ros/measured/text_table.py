@@ -21,7 +21,7 @@ from datetime import date
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import plural, shown
+from impact_damper_ros.parameters.quoting import plural, quote
 
 from .sheet import CLOCK, FREQUENCY, TIME, Array, Heading, Sheet, TableError, heading
 from .units import si_unit_of
@@ -272,7 +272,7 @@ class Body:
                 if isinstance(number, str):
                     raise TableError(
                         f'{self._source}, line {piece[row][0]}, column '
-                        f'{shown(self._headings[place].title)}: {shown(column[row])} {number}'
+                        f'{quote(self._headings[place].title)}: {quote(column[row])} {number}'
                     )
                 found[row, k] = number
         return found

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from .compiled import kernel
+from .kernels import kernel
 
 EPSILON = 2.220446049250313e-16
 #: Error of a watched function at an instant, relative to its terms.

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import dtype_of, kernel
 from .flight import Motion, motion_after, places_after, stop_rates
+from .kernels import dtype_of, kernel
 from .oscillator import Line
 from .state import Moving, Run, Wave, carried_to, offset_of, place
 

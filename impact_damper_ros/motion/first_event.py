@@ -14,7 +14,6 @@ from math import copysign, inf, nan, sqrt
 from typing import NamedTuple
 
 from .certificate import ERROR, falling_root, keeps_sign, turned_root
-from .compiled import kernel
 from .first_root import (
     LAST_STEP,
     bounds_of,
@@ -35,6 +34,7 @@ from .flight import (
     oscillator_of,
     starting_motion,
 )
+from .kernels import kernel
 from .oscillator import POINTS, Oscillator, free_bound
 from .series import Series, coarse_tail, series_at, tail
 from .state import Lines, Moving, Run, Waves

@@ -19,7 +19,6 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from .certificate import EPSILON, ERROR, ROUND_OFF, falling_root, falls, keeps_sign
-from .compiled import kernel
 from .flight import (
     ARRIVAL,
     CONTACT_1,
@@ -35,6 +34,7 @@ from .flight import (
     oscillator_of,
     starting_motion,
 )
+from .kernels import kernel
 from .oscillator import Oscillator, free_bound
 from .state import Moving, RigConstants, Run, advance_time, on_stop_1, on_stop_2
 
@@ -49,7 +49,7 @@ LAST_STEP = 1e-8
 
 
 @kernel
-def watched(
+def watched_function(
     constants: RigConstants, run: Run, kind: int, tau: float, motion: Motion
 ) -> tuple[float, float, float, float]:
     """Return a watched function and its first two derivatives, and the size of its terms."""
@@ -160,7 +160,7 @@ def first_root(
     """
     constants, _, run, _, _ = moving
     oscillator = oscillator_of(constants, run)
-    f_a, d_a, e_a, size = watched(constants, run, kind, start, motion)
+    f_a, d_a, e_a, size = watched_function(constants, run, kind, start, motion)
     bound_3, bound_4 = bounds_of(oscillator, kind, motion)
     t_a = start
     if f_a <= 0.0:
@@ -181,7 +181,7 @@ def first_root(
         t_b = min(t_a + step, end)
         span = t_b - t_a
         motion = motion_at(moving, t_b)
-        f_b, d_b, _, size = watched(constants, run, kind, t_b, motion)
+        f_b, d_b, _, size = watched_function(constants, run, kind, t_b, motion)
         error = ERROR * size + _NO_LENGTH + 2.0 * max(0.0, -f_a)
         if falls(d_a, d_b, span, bound_3):
             if f_b <= 0.0:
@@ -238,7 +238,7 @@ def root_between(
         tau = 0.5 * (low + high)
     motion: Motion = motion_at(moving, tau)
     for _ in range(60):
-        value, rate, bend, _ = watched(constants, run, kind, tau, motion)
+        value, rate, bend, _ = watched_function(constants, run, kind, tau, motion)
         if value > 0.0:
             low = tau
         else:
@@ -301,8 +301,8 @@ def look_for(
 ) -> None:
     """Let the flight end at a function's first root, if no earlier event has been found."""
     constants, _, run, _, _ = moving
-    f_a, d_a, _, _ = watched(constants, run, kind, start, motion)
-    f_b, d_b, _, size = watched(constants, run, kind, end, motion_end)
+    f_a, d_a, _, _ = watched_function(constants, run, kind, start, motion)
+    f_b, d_b, _, size = watched_function(constants, run, kind, end, motion_end)
     bound_3, bound_4 = bounds_of(oscillator_of(constants, run), kind, motion)
     span = end - start
     error = ERROR * size

@@ -20,7 +20,7 @@ from __future__ import annotations
 from math import cos, inf, sin
 from typing import NamedTuple
 
-from .compiled import kernel
+from .kernels import kernel
 from .oscillator import Driven, Free, Oscillator, driven_response, free_response
 from .series import Series, series_at, tail
 from .state import (
@@ -102,7 +102,7 @@ def air_acceleration(constants: RigConstants, run: Run) -> float:
 
 
 @kernel(inline=True)
-def pushed(constants: RigConstants, run: Run, constant: float, share: float) -> float:
+def with_pushes(constants: RigConstants, run: Run, constant: float, share: float) -> float:
     """Add forces of orders and records, and a base's inertia; `share` is m over what moves."""
     push = run.force + run.recorded_force
     # Without one, a negative zero stays what it is.
@@ -134,7 +134,7 @@ def acceleration_at(
 def support_need(moving: Moving, velocity: float) -> float:
     """Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops."""
     constants, lines, run, waves, _ = moving
-    constant = pushed(constants, run, constants.share * constants.slope, constants.share)
+    constant = with_pushes(constants, run, constants.share * constants.slope, constants.share)
     together = acceleration_at(
         constants.joint, lines, constants.harmonics, waves, constant, run.x, velocity
     )
@@ -219,7 +219,7 @@ def begin_joint(moving: Moving) -> None:
     run.joint = True
     run.look = _LOOK * constants.joint.horizon
     run.first = constants.harmonics
-    run.constant = pushed(constants, run, constants.share * constants.slope, constants.share)
+    run.constant = with_pushes(constants, run, constants.share * constants.slope, constants.share)
     run.acceleration = acceleration_at(
         constants.joint, lines, constants.harmonics, waves, run.constant, run.x, run.velocity
     )
@@ -245,7 +245,7 @@ def accelerate(moving: Moving, direction: int) -> float:
     air = air_acceleration(constants, run)
     run.joint = False
     run.first = 0
-    run.constant = pushed(
+    run.constant = with_pushes(
         constants,
         run,
         constants.mass_ratio * (direction * constants.grip - air),

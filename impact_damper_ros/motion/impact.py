@@ -11,9 +11,9 @@ from __future__ import annotations
 from math import copysign, inf, sqrt
 from typing import Any
 
-from .compiled import kernel
 from .event import IMPACT, REST_EVENT, STOP_STARTED, write_event, write_quiet
 from .flight import Motion, begin_next_flight, moving_mode, rest, starting_motion, support_need
+from .kernels import kernel
 from .oscillator import free_bound
 from .state import CHATTER_1, CHATTER_2, REST_1, REST_2, Moving, RigConstants, Run
 

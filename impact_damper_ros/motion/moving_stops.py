@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from math import inf
 
-from .compiled import kernel
 from .event import STOP_ARRIVED, STOP_TOUCHED, write_quiet
 from .flight import begin_next_flight, move_to
+from .kernels import kernel
 from .state import Moving, RigConstants, Run, on_stop_1, on_stop_2, place
 from .transition import begin_from, hold_stop, report_support
 from .zero_passage import set_side

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import MutableSequence
 from math import inf
 
-from .compiled import kernel
 from .first_event import search_on
 from .flight import NO_EVENT
+from .kernels import kernel
 from .state import Moving, Run
 from .zero_passage import search_passage
 

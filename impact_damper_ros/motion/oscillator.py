@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .compiled import kernel, rows_of
+from .kernels import kernel, rows_of
 
 Array = npt.NDArray[Any]
 

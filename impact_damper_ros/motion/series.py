@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .compiled import kernel
+from .kernels import kernel
 from .oscillator import Oscillator
 from .state import Lines, Waves
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, slowness
 
-from .compiled import kernel
+from .kernels import kernel
 from .oscillator import Line, Oscillator, oscillators
 
 

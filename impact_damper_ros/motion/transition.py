@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from math import inf
 
-from .compiled import kernel
 from .event import (
     RELEASE_EVENT,
     REST_EVENT,
@@ -41,6 +40,7 @@ from .flight import (
     rest,
 )
 from .impact import strike
+from .kernels import kernel
 from .state import (
     CHATTER_1,
     FREE,

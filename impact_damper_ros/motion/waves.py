@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from math import cos, floor, sin
 
-from .compiled import kernel
+from .kernels import kernel
 from .state import Lines, Waves
 
 # Half of pi in two parts: a whole number below 2^20 times the first is exact.

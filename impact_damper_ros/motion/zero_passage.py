@@ -6,10 +6,10 @@ from __future__ import annotations
 from math import inf, nan, nextafter
 
 from .certificate import ERROR, falling_root, falls, keeps_sign
-from .compiled import kernel
 from .first_event import root_by_series
 from .first_root import bounds_of, first_root
 from .flight import PASSAGE, Motion, motion_at, oscillator_of, starting_motion
+from .kernels import kernel
 from .oscillator import POINTS
 from .series import Series, series_at
 from .state import Moving, Run, advance_time

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from impact_damper_ros.bag.messages import JOINT_STATE, CdrReader, JointState, decode
 from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS
-from impact_damper_ros.parameters.quoting import plural, shown
+from impact_damper_ros.parameters.quoting import plural, quote
 from impact_damper_ros.rig.order import Order
 
 #: Messages of a topic that are taken where the rig stops; as many wait there.
@@ -53,11 +53,11 @@ def read_stop_command(content: bytes) -> tuple[int, Order]:
     strange = [name for name in message.name if name not in ('stop_1', 'stop_2')]
     if strange:
         raise TopicCommandError(
-            f'there is no joint {shown(strange[0])}: give stop_1, stop_2, both or none'
+            f'there is no joint {quote(strange[0])}: give stop_1, stop_2, both or none'
         )
     count = len(message.name)
     if len(set(message.name)) < count:
-        raise TopicCommandError(f'it names {shown(message.name[0])} twice')
+        raise TopicCommandError(f'it names {quote(message.name[0])} twice')
     if len(message.position) != count or len(message.velocity) not in (0, count):
         raise TopicCommandError(
             f'it has {plural(count, "joint")}, {plural(len(message.position), "position")} '

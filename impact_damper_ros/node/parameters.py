@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.gap_control_parameters import (
 )
 from impact_damper_ros.parameters.node_settings import SETTING_SPECS, NodeSettings
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.quoting import named, shown, similar_names
+from impact_damper_ros.parameters.quoting import as_name, quote, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -129,7 +129,7 @@ def _directory(text: str) -> str:
     except RuntimeError:
         raise ParameterError(
             'bag_directory',
-            f'bag_directory is {shown(text)}: there is no such home directory, write it out (or '
+            f'bag_directory is {quote(text)}: there is no such home directory, write it out (or '
             './~ for a directory of that name)',
         ) from None
 
@@ -171,7 +171,7 @@ def _coerced_value(spec: ParameterSpec, value: Any) -> Any:
     if spec.kind == 'string' and type(value) is int:
         return str(value)
     try:
-        checked = spec.checked([] if value is None else value)
+        checked = spec.check([] if value is None else value)
     except ParameterError:
         return value
     return list(checked) if isinstance(checked, tuple) else checked
@@ -228,10 +228,10 @@ def parameters_from_overrides(
     for name in foreign:
         if near := nearest_name(name, _MISSPELT):
             raise ParameterError(
-                name, f'{named(name)} is not a parameter of this node: write {near}'
+                name, f'{as_name(name)} is not a parameter of this node: write {near}'
             )
     for name in foreign[:_MOST_WARNINGS]:
-        warn(f'parameter {named(name)} is not one of this node; it is ignored')
+        warn(f'parameter {as_name(name)} is not one of this node; it is ignored')
     if len(foreign) > _MOST_WARNINGS:
         warn(f'{len(foreign) - _MOST_WARNINGS} more parameters are ignored as well')
     if overrides.get('use_sim_time'):
@@ -272,7 +272,7 @@ def _meaning(name: str, value: Any, rig: RigParameters) -> str:
     target = {'natural_frequency': 'stiffness', 'mass_ratio': 'damper_mass'}.get(name, 'damping')
     meant = getattr(rig.replace(**{name: value}), target)
     return (
-        f'{name} is for the start of the node: for this rig {shown(value)} is a {target} of '
+        f'{name} is for the start of the node: for this rig {quote(value)} is a {target} of '
         f'{meant:.9g} {PARAMETER_SPECS[target].unit}, set that (set_rig does)'
     )
 
@@ -293,7 +293,7 @@ def readable(
                 raise ParameterError(name, _meaning(name, value, now))
             near = nearest_name(name)
             hint = f'did you mean {near}?' if near else 'see: simulate_rig --parameters'
-            raise ParameterError(name, f'{named(name)} is not a parameter of this node: {hint}')
+            raise ParameterError(name, f'{as_name(name)} is not a parameter of this node: {hint}')
         if name == 'use_sim_time' and value:
             raise ParameterError(name, USE_SIM_TIME)
         if name in ALL_SPECS:
@@ -301,9 +301,9 @@ def readable(
                 raise ParameterError(
                     name,
                     f'{name} is fixed while the node runs: start it with '
-                    f'--ros-args -p {name}:={shown(value)}',
+                    f'--ros-args -p {name}:={quote(value)}',
                 )
-            ALL_SPECS[name].checked(value)
+            ALL_SPECS[name].check(value)
     return request
 
 

@@ -186,7 +186,7 @@ def parameter_messages(values: Mapping[str, Any]) -> list[Any]:
     if quantity := base_quantity_of(values.get('base_amplitudes')):
         values = {**values, 'base_quantity': quantity}
     for name, value in values.items():
-        checked = ALL_SPECS[name].checked(value)
+        checked = ALL_SPECS[name].check(value)
         given = list(checked) if isinstance(checked, tuple) else checked
         messages.append(Parameter(name, value=given).to_parameter_msg())
     return messages

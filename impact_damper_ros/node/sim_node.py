@@ -49,12 +49,12 @@ from impact_damper_ros.bag.messages import (
 from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS, LIVE_TOPICS, RIG_TOPICS
 from impact_damper_ros.bag.robot_description import robot_description
 from impact_damper_ros.bag.topics import QosProfile
-from impact_damper_ros.motion.compiled import compile_elsewhere
+from impact_damper_ros.motion.kernels import compile_elsewhere
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.description import frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import values_given
-from impact_damper_ros.parameters.quoting import printable, shown
+from impact_damper_ros.parameters.quoting import printable, quote
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.theory.theory_thread import TheoryThread
 
@@ -95,7 +95,7 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
     if answer(arguments):
         return 0
     return refuse(
-        f'unknown argument {shown(arguments[0])}; parameters and their files follow --ros-args, '
+        f'unknown argument {quote(arguments[0])}; parameters and their files follow --ros-args, '
         'as in: sim_node --ros-args --params-file rig.yaml -p gap:=12mm'
     )
 
@@ -299,11 +299,11 @@ class SimNode(Node):
                 waiting.add_subscription(one.handle)
             waiting.wait(round(seconds * 1e9))
 
-        def taken(key: str) -> list[bytes]:
+        def take(key: str) -> list[bytes]:
             return [message.content for message in subscriptions[key].take(DEPTH)]
 
         topics = [
-            CommandTopic(key, one.topic, partial(taken, key), one.publishers, _COMMANDS[key][1])
+            CommandTopic(key, one.topic, partial(take, key), one.publishers, _COMMANDS[key][1])
             for key, one in subscriptions.items()
         ]
         return CommandInbox(topics, wait)

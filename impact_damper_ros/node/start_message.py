@@ -11,7 +11,7 @@ from typing import Any
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.description import describe_rig, frequency_hint
 from impact_damper_ros.parameters.parameters_file import fault_of_file
-from impact_damper_ros.parameters.quoting import named, printable, shown
+from impact_damper_ros.parameters.quoting import as_name, printable, quote
 
 from .parameters import NodeParameters
 
@@ -23,9 +23,9 @@ def argument_fault(error: Exception, arguments: Sequence[str]) -> str:
             return fault
         if option in ('-p', '--param') and ':=' not in word:
             name, _, value = word.partition('=')
-            return f'{option} {shown(word)}: write {option} {named(name)}:={named(value)}'
+            return f'{option} {quote(word)}: write {option} {as_name(name)}:={as_name(value)}'
         if option in ('-r', '--remap') and word.startswith('__ns:=') and word[6:7] != '/':
-            return f'{option} {shown(word)}: write {option} __ns:=/{named(word[6:])}'
+            return f'{option} {quote(word)}: write {option} __ns:=/{as_name(word[6:])}'
     text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
     if 'Sequence should be of same type' in text:
         text += ' (write [1.0, 0.5], not [1, 0.5])'

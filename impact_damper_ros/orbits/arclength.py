@@ -19,7 +19,7 @@ from __future__ import annotations
 from math import copysign, inf, sqrt
 from typing import Any
 
-from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.kernels import kernel
 
 from .closed_flights import (
     FRAME,

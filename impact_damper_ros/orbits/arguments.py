@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from impact_damper_ros.motion.state import NUMBERS
 from impact_damper_ros.parameters.parameter_spec import whole_number
-from impact_damper_ros.parameters.quoting import plural, shown
+from impact_damper_ros.parameters.quoting import plural, quote
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters, check_rig
 
 from .flights import Machine, machine_of
@@ -134,7 +134,7 @@ def check_stops(parameters: RigParameters, stops: Sequence[int]) -> tuple[int, .
         odd = not sequence or bool(set(sequence) - {1, 2})
     except TypeError:
         sequence, odd = (), True
-    text = ','.join(map(str, sequence)) or shown(stops)
+    text = ','.join(map(str, sequence)) or quote(stops)
     if odd:
         raise OrbitError(
             f'stop sequence {text}: give the stops hit in one period, in order, each 1 '

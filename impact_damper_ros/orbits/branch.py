@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from impact_damper_ros.parameters.quoting import plural, shown, similar_names
+from impact_damper_ros.parameters.quoting import plural, quote, similar_names
 
 from .arclength import CONVERGED, FARTHER, NEARER
 from .orbit import PeriodicOrbit, stability_of
@@ -123,7 +123,7 @@ class SpecialPoint:
         if self._beyond is None:
             return ''
         there = self._beyond.orbit
-        if self.point.curve.performed(self._beyond.value):
+        if self.point.curve.is_performed(self._beyond.value):
             replaced = performed_near(there, there.parameters)
             there = there if replaced is None else replaced[0]
         change = difference(self.orbit, there)
@@ -162,7 +162,7 @@ def _measure(name: str) -> Callable[[BranchPoint], float]:
         close = similar_names(name, _MEASURES)
         hint = f'did you mean {close}? There are {", ".join(_MEASURES)}' if close else ''
         hint = hint or f'give one of {", ".join(_MEASURES)}'
-        raise ValueError(f'measure is {shown(name)}: {hint}, or a function of the motion')
+        raise ValueError(f'measure is {quote(name)}: {hint}, or a function of the motion')
     return attrgetter(name if name == 'x_max' else f'orbit.{name}')
 
 
@@ -454,7 +454,7 @@ class Branch:
         (low, low_reason, _), (high, high_reason, _) = sorted(ends)
         return Span(low, high, low_reason, high_reason)
 
-    def reversed(self) -> Branch:
+    def reverse(self) -> Branch:
         """Return the branch from its last point to its first."""
         return replace(
             self,
@@ -465,7 +465,7 @@ class Branch:
             _stretches=tuple(stretch[::-1] for stretch in self._stretches[::-1]),
         )
 
-    def extended(self, further: Branch) -> Branch:
+    def extend(self, further: Branch) -> Branch:
         """Return the branch with one that goes on from its last point."""
         return replace(
             self,

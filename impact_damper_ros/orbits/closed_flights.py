@@ -36,7 +36,6 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Any, NamedTuple
 
-from impact_damper_ros.motion.compiled import kernel
 from impact_damper_ros.motion.event import IMPACT, RELEASE_EVENT
 from impact_damper_ros.motion.flight import (
     Motion,
@@ -46,6 +45,7 @@ from impact_damper_ros.motion.flight import (
     oscillator_of,
 )
 from impact_damper_ros.motion.impact import bounce, rebound, rebound_slopes
+from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.motion.oscillator import Free, free_response, set_oscillator
 from impact_damper_ros.motion.state import (
     DAMPER_MASS,

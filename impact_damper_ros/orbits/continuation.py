@@ -332,7 +332,7 @@ def follow(
     down, up = (None if point is None else _grow(curve, point) for point in points)
     if down is None or down.ended == CLOSES:
         return down or up or Branch(along.name, (), (), 'no motion to begin with')
-    return down if up is None else down.reversed().extended(up)
+    return down if up is None else down.reverse().extend(up)
 
 
 def switch_branch(

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.compiled import call_kernel
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
+from impact_damper_ros.motion.kernels import call_kernel
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.quoting import plural
@@ -171,7 +171,7 @@ class Flights:
     >>> flights = run_flights(Rig(RigParameters(gravity=0.0)), 60.0)
     >>> flights
     <Flights: 8 from 0 to 60 s, 7 impacts>
-    >>> bool(flights.measured()[0].total > 0.0)
+    >>> bool(flights.integrals()[0].total > 0.0)
     True
     """
 
@@ -218,7 +218,7 @@ class Flights:
         return cls(rig, rows, drive, _together(rows), stop, first, angle, force)
 
     @classmethod
-    def joined(cls, parts: Sequence[Flights]) -> Flights:
+    def join(cls, parts: Sequence[Flights]) -> Flights:
         """Return the flights of parts, each of which begins where the one before ends."""
         first = parts[0]
         if len(parts) == 1:
@@ -435,7 +435,7 @@ class Flights:
         turned = np.add(phases, self.drive.angles)
         return np.column_stack([sizes, rates, turned, base.real, base.imag])
 
-    def measured(self) -> tuple[Integrals, float]:
+    def integrals(self) -> tuple[Integrals, float]:
         """
         Return integrals, and the largest |X|.
 
@@ -460,7 +460,7 @@ class Flights:
             sums[SUM_FORCE:SUM_BASE] = math.nan
         covered, total, squares, force, active, dashpot, *based, largest = sums.tolist()
         if shaken and self.drive is not None and len(self):
-            force += float(np.diff(self._stretched())[0])
+            force += float(np.diff(self._spring_energy())[0])
         rise = np.diff(rows['y'])
         grip = self.machine.constants.grip * rig.damper_mass
         friction = grip * float(np.abs(rise[~self.together[:-1]]).sum())
@@ -485,7 +485,7 @@ class Flights:
         )
         return integrals, largest
 
-    def _stretched(self) -> Array:
+    def _spring_energy(self) -> Array:
         """Return the energy of the spring at both ends, beyond that without the base, J."""
         if self.drive is None or not self.rig.base_motion.moves:
             return np.zeros(2)
@@ -494,13 +494,13 @@ class Flights:
         energy: Array = self.rig.stiffness * base * (0.5 * base - x)
         return energy
 
-    def stored(self) -> float:
+    def stored_energy(self) -> float:
         """Return by how much kinetic and potential energy have changed, J."""
         rig, ends = self.rig, self.rows[[0, -1]]
         speed, damper = ends['primary_velocity_after'], ends['damper_velocity_after']
         slope = rig.gravity * math.sin(rig.angle)
         energy = 0.5 * (rig.primary_mass * speed**2 + rig.stiffness * ends['x'] ** 2)
-        energy += self._stretched()
+        energy += self._spring_energy()
         energy += rig.damper_mass * (0.5 * damper**2 - slope * (ends['x'] + ends['y']))
         return float(energy[1] - energy[0])
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_damper_ros.motion.compiled import kernel
+from impact_damper_ros.motion.kernels import kernel
 
 from .response import Array
 from .transmissibility import Moments, Transmissibility

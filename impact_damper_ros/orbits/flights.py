@@ -77,7 +77,7 @@ class Flight:
         waves = [Wave(w.angle, w.sine_0, w.cosine_0, w.sine, w.cosine) for w in self.waves]
         return Flight(self.machine, Run(*_run_fields(self.run)), waves)
 
-    def begun(self) -> Flight:
+    def begin(self) -> Flight:
         """Begin the flight at its origin, and return it."""
         self.run.time = self.run.time_low = self.run.now = 0.0
         begin_flight(self.moving)
@@ -89,7 +89,7 @@ class Flight:
         there.run.velocity, there.run.relative_velocity = velocity, relative_velocity
         there.run.room = 0
         strike(there.moving, there.run.last_stop)
-        return there.begun()
+        return there.begin()
 
 
 def flight_at(
@@ -136,7 +136,7 @@ def flight_at(
         rest(Moving(*machine, run, waves, []))
     else:
         run.mode = moving_mode(constants, relative_velocity)
-    return Flight(machine, run, waves).begun()
+    return Flight(machine, run, waves).begin()
 
 
 def rig_on(flight: Flight, parameters: RigParameters) -> Rig:

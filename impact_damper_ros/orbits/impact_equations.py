@@ -22,8 +22,8 @@ from __future__ import annotations
 from math import acos, atan2, cos, hypot, inf, sin, sqrt
 from typing import Any
 
-from impact_damper_ros.motion.compiled import kernel
 from impact_damper_ros.motion.impact import rebound_slopes
+from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.motion.state import FIRST_LINE, MASS, STIFFNESS
 
 from .closed_flights import (

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.compiled import call_kernel, kernel
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.impact import bounce
+from impact_damper_ros.motion.kernels import call_kernel, kernel
 from impact_damper_ros.motion.state import STICK
 
 from .flight_arrays import Flights
@@ -157,7 +157,7 @@ class Deviations:
     #: whether m moves by itself, and whether a stop holds it; shape (n + 1, 5).
     laws: Array
 
-    def carried(
+    def carry(
         self, ends: Array, columns: Array, rate: float, *, anew: bool = False
     ) -> tuple[Array, Array]:
         """Return deviations at the ends of parts, scaled to 1, and the logarithms of growths."""
@@ -227,7 +227,7 @@ def deviations(flights: Flights, start: float, end: float) -> Deviations:
 
 def monodromy_of(along: Deviations, ends: Array) -> Array:
     """Return the product of the matrices over each part of a stretch, given the parts' ends, s."""
-    products, growth = along.carried(ends, np.eye(4), 1.0, anew=True)
+    products, growth = along.carry(ends, np.eye(4), 1.0, anew=True)
     return products * np.exp(growth)[:, None, None]
 
 
@@ -246,7 +246,7 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
     vector = np.array([0.6 / omega, 0.3, -0.5 / omega, 0.55])
     # Y and Y' are relative to X and X'
     vector[[Y, U]] -= vector[[X, V]]
-    _, growth = along.carried(ends, vector[:, None], omega)
+    _, growth = along.carry(ends, vector[:, None], omega)
     if growth.min() == -math.inf:
         return Exponent(-math.inf, 0.0)
     rates = growth[1:] / np.diff(ends)

@@ -307,7 +307,7 @@ class PeriodicOrbit(Rhythm):
     def _cycles_before(self, impact: int) -> int:
         return super()._cycles_before(impact) if single_harmonic(self.parameters) else 0
 
-    def mirrored(self) -> Self:
+    def mirror_image(self) -> Self:
         """Return the mirror image of a motion of a symmetric rig, half a cycle later."""
         turned: dict[str, Any] = {
             name: tuple(-value for value in getattr(self, name)) for name in AT_IMPACTS

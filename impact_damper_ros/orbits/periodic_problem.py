@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.compiled import (
+from impact_damper_ros.motion.event import EventKind, EventRow
+from impact_damper_ros.motion.kernels import (
     call_kernel,
     dtype_of,
     has_numba,
-    packed,
-    packed_rows,
+    pack,
+    pack_rows,
 )
-from impact_damper_ros.motion.event import EventKind, EventRow
 from impact_damper_ros.motion.oscillator import Line, Oscillator
 from impact_damper_ros.motion.state import (
     CHATTER_1,
@@ -167,7 +167,7 @@ def _layout(nodes: tuple[Node, ...], compiles: bool) -> _Layout:
         numbers = np.flatnonzero(counting[:, k].ravel())
         places[k, : len(numbers)] = numbers
         places[2 + k, numbers] = np.arange(len(numbers))
-    packed_nodes = packed_rows(rows, NodeRow) if compiles else rows
+    packed_nodes = pack_rows(rows, NodeRow) if compiles else rows
     return _Layout(rows, packed_nodes, places, len(numbers))
 
 
@@ -186,13 +186,13 @@ def _moving(harmonics: int, one_sided: bool) -> Moving:
         constants['harmonics'], constants['one_sided'] = harmonics, one_sided
         lines: Any = np.zeros(2 * harmonics, dtype_of(Line))
         log: Any = np.zeros(0, dtype_of(EventRow))
-        return Moving(constants, lines, packed(run), packed_rows(waves, Wave), log)
+        return Moving(constants, lines, pack(run), pack_rows(waves, Wave), log)
     constants.harmonics, constants.one_sided = harmonics, one_sided
     constants.free, constants.joint = _zeros(Oscillator), _zeros(Oscillator)
     return Moving(constants, [_zeros(Line) for _ in range(2 * harmonics)], run, waves, [])
 
 
-def numbers_of(parameters: RigParameters) -> Array:
+def parameter_numbers(parameters: RigParameters) -> Array:
     """Return the numbers of a rig, as the kernels have them."""
     numbers = [getattr(parameters, name) for name in NUMBERS]
     for line in zip(*parameters.harmonics, strict=True):
@@ -223,7 +223,7 @@ class PeriodicProblem:
         self.cycles = cycles
         self.layout = layout = _layout(self.nodes, has_numba())
         count, size = len(self.nodes), layout.unknowns + 1
-        rig = numbers_of(parameters)
+        rig = parameter_numbers(parameters)
         frequency = float(rig[FIRST_LINE + 1])
         self.cycle = math.tau / frequency
         self.period = cycles * self.cycle

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.parameters.parameter_spec import as_float, whole_number
-from impact_damper_ros.parameters.quoting import plural, shown
+from impact_damper_ros.parameters.quoting import plural, quote
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, check_rig
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.rig.rig import Rig
@@ -360,7 +360,7 @@ def ring_down(
     """
     check_rig('parameters', parameters)
     if not 0.0 < as_float(amplitude) < math.inf:
-        raise ValueError(f'amplitude is {shown(amplitude)} m: give a positive number')
+        raise ValueError(f'amplitude is {quote(amplitude)} m: give a positive number')
     releases = whole_number('releases', releases, 1, 10_000)
     most_cycles = whole_number('most_cycles', most_cycles, 1, 2**31)
     free = parameters.replace(

@@ -37,7 +37,7 @@ from .arguments import (
 from .flights import Machine, machine_of
 from .orbit import AT_IMPACTS, PeriodicOrbit
 from .periodic_problem import Solution
-from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solved
+from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solve_orbit
 from .starts import ImpactEquations, few_impact_roots, many_impact_roots
 
 #: Motions closer than this, relative to their size, are the same.
@@ -262,7 +262,7 @@ def _settled_near(rig: Rig, instant: float, cycles: int) -> Iterator[PeriodicOrb
         if periods in looks:
             there = Rig.resume(rig.state(), compiled=rig.compiled)
             guess = guess_along(there, instant, period)
-            yield None if guess is None else solved(parameters, guess, cycles)
+            yield None if guess is None else solve_orbit(parameters, guess, cycles)
 
 
 # For all stop sequences
@@ -483,5 +483,5 @@ def _orbits_with(
     )
     orbits += filter(None, others)
     if symmetric(machine):
-        orbits += [orbit.mirrored() for orbit in orbits]
+        orbits += [orbit.mirror_image() for orbit in orbits]
     return OrbitSearch(tuple(_distinct(orbits, stops)), report.with_guesses(others))

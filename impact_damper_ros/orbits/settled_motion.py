@@ -223,7 +223,7 @@ class SettledMotion:
     def x_max(self) -> float:
         """Largest |X|, m, exact: over the last period, or over all cycles watched."""
         span = math.inf if self.period is None else self.period.cycles * self.cycle
-        return self._flights.cut(self.end - span, self.end).measured()[1]
+        return self._flights.cut(self.end - span, self.end).integrals()[1]
 
     @cached_property
     def orbit(self) -> PeriodicOrbit | None:
@@ -325,7 +325,7 @@ class _SettlingRig:
             # M may pass zero at the ends of all cycles
             rows = np.concatenate([first, result.events, self.last])
             flights = Flights.between(self.parameters, rows, self.drive, active=active)
-            size += flights.cut(self.time, math.inf).measured()[1]
+            size += flights.cut(self.time, math.inf).integrals()[1]
         # A rig without force has settled once next to nothing of its start is left
         forced = bool(_active_rates(self.parameters))
         self._size = size if forced else max(size, self._size)

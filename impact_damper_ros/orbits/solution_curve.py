@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.parameter_spec import (
     number_between,
     whole_number,
 )
-from impact_damper_ros.parameters.quoting import shown, similar_names
+from impact_damper_ros.parameters.quoting import quote, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     PARAMETER_SPECS,
     RigParameters,
@@ -67,7 +67,7 @@ from .closed_flights import (
     TANGENT,
 )
 from .orbit import PeriodicOrbit, stability_of
-from .periodic_problem import PeriodicProblem, Solution, multipliers_of_map, numbers_of
+from .periodic_problem import PeriodicProblem, Solution, multipliers_of_map, parameter_numbers
 from .response import Array
 from .search import within_theory
 from .solved_orbits import Guess, guess_on, orbit_of
@@ -91,7 +91,7 @@ def _check_name(name: str) -> None:
         close = similar_names(name, _KNOWN)
         hint = f'did you mean {close}? There are ' if close else 'give one of '
         raise OrbitError(
-            f'{shown(name)} cannot be varied: {hint}{", ".join(_KNOWN[:-1])}, or {_KNOWN[-1]}'
+            f'{quote(name)} cannot be varied: {hint}{", ".join(_KNOWN[:-1])}, or {_KNOWN[-1]}'
         )
 
 
@@ -179,7 +179,7 @@ def range_of(path: Path, low: float | str, high: float | str) -> tuple[float, fl
         _check_name(name)
     for end, value in (('low', low), ('high', high)):
         if not hasattr(value, '__float__') and not isinstance(value, str):
-            raise OrbitError(f'{end} is {shown(value)}: give a number, or a text with a unit')
+            raise OrbitError(f'{end} is {quote(value)}: give a number, or a text with a unit')
     return number_of(name, low), number_of(name, high)
 
 
@@ -199,7 +199,7 @@ class Steps:
         if isinstance(self.path, str):
             _check_name(self.path)
         elif not callable(self.path):
-            raise OrbitError(f'path is {shown(self.path)}: give a name, or a function of a number')
+            raise OrbitError(f'path is {quote(self.path)}: give a name, or a function of a number')
         text = f'{self.name} from {self.low:.9g} to {self.high:.9g}'
         if not -math.inf < self.low < self.high < math.inf:
             raise OrbitError(f'{text} is no range: give two numbers, the low end first')
@@ -404,7 +404,7 @@ class SolutionCurve:
         name = along.path if isinstance(along.path, str) else ''
         self._own = _own_numbers(name, self.parameters)
         if self._own:
-            start, slope = numbers_of(self.parameters), np.zeros(len(self.problem.rig))
+            start, slope = parameter_numbers(self.parameters), np.zeros(len(self.problem.rig))
             start[self._own], slope[self._own] = 0.0, scale
             self.problem.set_path(start, slope)
         later = orbit.period * np.arange(times)[:, None]
@@ -423,12 +423,12 @@ class SolutionCurve:
     def _numbers(self, value: float) -> Array:
         """Return the numbers of the rig at a value of the parameter."""
         if not self._own:
-            return numbers_of(self._rig(value))
+            return parameter_numbers(self._rig(value))
         start, slope = self.problem.arrays.sheet[[PATH, SLOPE], : len(self.problem.rig)]
         numbers: Array = start + value / self.scale * slope
         return numbers
 
-    def performed(self, value: float) -> bool:
+    def is_performed(self, value: float) -> bool:
         """
         Return whether motions that the rig cannot perform are left for those that it can.
 
@@ -469,10 +469,10 @@ class SolutionCurve:
 
     def _lay_path(self, value: float) -> None:
         """Let the path be the tangent to that of the rigs at a value."""
-        here, sides = numbers_of(self._rig(value)), []
+        here, sides = parameter_numbers(self._rig(value)), []
         for move in (_CHANGE * self.scale, -_CHANGE * self.scale):
             try:
-                sides.append((move, numbers_of(self._rig(value + move))))
+                sides.append((move, parameter_numbers(self._rig(value + move))))
             except ParameterError:
                 # At the edge of the admissible range, from within
                 sides.append((0.0, here))
@@ -488,7 +488,7 @@ class SolutionCurve:
     def _solve(self, guess: Array, normal: Array, enough: float) -> bool:
         """Solve in the plane through a guess; return whether there is a solution."""
         problem, sheet = self.problem, self.problem.arrays.sheet
-        in_order = not self.performed(float(guess[-1]) * self.scale)
+        in_order = not self.is_performed(float(guess[-1]) * self.scale)
         aim = sheet[GUESS, : len(guess)]
         sheet[NORMAL, : len(guess)], aim[:] = normal, guess
         for _ in range(_MOST_LOOKS):
@@ -521,7 +521,7 @@ class SolutionCurve:
 
     def _in_order(self, value: float) -> bool:
         """Return whether the instants are kept in order at the nearest value of the range."""
-        return not self.performed(min(max(value, self.along.low), self.along.high))
+        return not self.is_performed(min(max(value, self.along.low), self.along.high))
 
     def steps_from(
         self, here: BranchPoint, step: float, most: int
@@ -619,7 +619,7 @@ class Piece(NamedTuple):
         there = value / self.curve.scale
         share = (there - begin) / (end - begin)
 
-        def missed(share: float) -> float:
+        def miss(share: float) -> float:
             point = self.at(share)
             if point is None:
                 raise ArithmeticError('the corrector fails')
@@ -636,7 +636,7 @@ class Piece(NamedTuple):
             ):
                 return point
             try:
-                share = brentq(missed, 0.0, 1.0, xtol=LOCATED)
+                share = brentq(miss, 0.0, 1.0, xtol=LOCATED)
             except ArithmeticError:
                 return None
         return None

@@ -179,7 +179,7 @@ def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
     )
     if not orbit.viable or not orbit.parameters.base_motion.moves:
         return Transmissibility()
-    return flights_of(orbit).measured()[0].transmissibility
+    return flights_of(orbit).integrals()[0].transmissibility
 
 
 def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
@@ -268,7 +268,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
     )
 
 
-def solved(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
+def solve_orbit(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
     """Return the motion that Newton's method leads to from a guess, if the rig can perform it."""
     reached = _solve(parameters, guess, cycles)
     return None if reached is None else reached[0]
@@ -318,7 +318,7 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     none nearby that the rig can perform.
     """
     guess = guess_on(orbit)
-    other = None if guess is None else solved(parameters, guess, orbit.cycles)
+    other = None if guess is None else solve_orbit(parameters, guess, orbit.cycles)
     counted = _counted_as(orbit, other)
     if counted is None and (there := performed_near(orbit, parameters)) is not None:
         counted = there[0]
@@ -402,4 +402,4 @@ def orbit_near(
         impact.damper_velocity_after,
     )
     guess = guess_along(rig_on(flight, parameters), instant, cycles * cycle)
-    return None if guess is None else solved(parameters, guess, cycles)
+    return None if guess is None else solve_orbit(parameters, guess, cycles)

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from impact_damper_ros.motion.compiled import on_threads
+from impact_damper_ros.motion.kernels import on_threads
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arclength import FIND_STARTS, LINEAR_SYSTEM

@@ -78,7 +78,7 @@ class Transmissibility(NamedTuple):
     relative: float = math.nan
     acceleration: float = math.nan
 
-    def named(self, end: str = '') -> dict[str, float]:
+    def by_name(self, end: str = '') -> dict[str, float]:
         """Return the numbers by their names as columns and in JSON, with an ending."""
         return dict(zip((name + end for name in TRANSMISSIBILITIES), self, strict=True))
 

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any
 
-from impact_damper_ros.motion.compiled import kernel
 from impact_damper_ros.motion.event import IMPACT, RELEASE_EVENT, EventKind
 from impact_damper_ros.motion.first_root import first_root
 from impact_damper_ros.motion.flight import (
@@ -31,6 +30,7 @@ from impact_damper_ros.motion.flight import (
     starting_motion,
 )
 from impact_damper_ros.motion.impact import strike
+from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import POINTS
 from impact_damper_ros.motion.state import FIRST_LINE, FREE, STICK, Moving

@@ -20,7 +20,7 @@ from .motion import (
     IMPACT_COLUMNS,
     MEASURED_COLUMNS,
     SAMPLE_COLUMNS,
-    Motion,
+    MotionHistory,
     Rows,
     between,
 )
@@ -63,7 +63,7 @@ class _Sent:
         """Start again."""
         self._sample, self._others = start, [start, start, start]
 
-    def take(self, motion: Motion, end: float) -> list[Rows]:
+    def take(self, motion: MotionHistory, end: float) -> list[Rows]:
         """Return the samples, impacts, measurements and acts that are new up to an instant."""
         times = motion.samples[:, 0]
         first = int(np.searchsorted(times, self._sample, side='right'))
@@ -90,7 +90,7 @@ class PageView:
     def __init__(self, window: float = 30.0) -> None:
         self.window = min(max(window, _WINDOWS[0]), _WINDOWS[1])
         self._own, self._others = _Sent(), _Sent()
-        self._ghost: Motion | None = None
+        self._ghost: MotionHistory | None = None
         # End and flags of the last frame, and how often samples had been corrected by then
         self._last = math.nan, 0
         self._corrections = 0
@@ -100,7 +100,12 @@ class PageView:
         self._last = math.nan, 0
 
     def frame(
-        self, motion: Motion, end: float, epoch: float, flags: int = 0, ghost: Motion | None = None
+        self,
+        motion: MotionHistory,
+        end: float,
+        epoch: float,
+        flags: int = 0,
+        ghost: MotionHistory | None = None,
     ) -> bytes | None:
         """
         Return a frame with everything new up to an instant; None if there is nothing new.

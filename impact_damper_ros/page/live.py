@@ -30,7 +30,7 @@ from impact_damper_ros.rig.snapshot import Snapshot, present
 
 from .frames import PAUSED, PageView
 from .knobs import as_json, first_knobs, knobs_of, read_values
-from .motion import ForcePhase, Motion, Stretch
+from .motion import ForcePhase, MotionHistory, Stretch
 from .numbers import numbers_of
 from .presets import change_between, preset_with
 from .requests import RequestError
@@ -84,7 +84,7 @@ class LiveRig(Source):
         self._run, self._foreign = '', ''
         #: Present values of the parameters that are known
         self.values: dict[str, Any] = {}
-        self.motion = Motion(_MOST_SAMPLES, _MOST_IMPACTS)
+        self.motion = MotionHistory(_MOST_SAMPLES, _MOST_IMPACTS)
         self._readers = {
             'joint_states': JointStateRows(JOINTS, (7, 7, 0)),
             'impacts': JointStateRows(IMPACT_JOINTS, (2, 2, 2)),
@@ -162,7 +162,7 @@ class LiveRig(Source):
             self._show_paused()
             for topic, rows, add in (
                 ('impacts', Stretch.impacts, self.motion.add_impacts),
-                ('measurements', Stretch.measured, self.motion.add_measured),
+                ('measurements', Stretch.measurements, self.motion.add_measured),
                 ('gap_control', Stretch.acts, self.motion.add_acts),
             ):
                 for stretch, table in self._tables(topic, messages[topic]):

@@ -84,7 +84,7 @@ class Stretch:
         times = (messages['stamp_ns'] - self.offset_ns) / 1e9
         return self.impact_rows(recorded_impacts(messages, self.rig, times))
 
-    def measured(self, messages: Messages) -> Rows:
+    def measurements(self, messages: Messages) -> Rows:
         """Return measurements as `MEASURED_COLUMNS`."""
         return measured_rows(messages, self.offset_ns)
 
@@ -153,7 +153,7 @@ class _Table:
         self.add(rows[np.argsort(rows[:, 0], kind='stable')])
 
 
-class Motion:
+class MotionHistory:
     """
     What is known of the motion of a rig, each kind in the order of its instants.
 

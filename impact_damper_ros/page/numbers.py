@@ -11,13 +11,13 @@ import numpy as np
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .knobs import as_json
-from .motion import Motion, between
+from .motion import MotionHistory, between
 
 #: Cycles of the force over which is measured, and the time over which a controller is, s.
 _CYCLES, _SCORED_S = 20, 60.0
 
 
-def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]:
+def numbers_of(rig: RigParameters, motion: MotionHistory, end: float) -> dict[str, Any]:
     """Return the message with the numbers of a rig and of its motion up to an instant, s."""
     amplitude, frequency, _ = rig.first_harmonic
     numbers = {
@@ -45,7 +45,7 @@ def numbers_of(rig: RigParameters, motion: Motion, end: float) -> dict[str, Any]
     return {'type': 'numbers', **as_json(numbers), 'score': score_of(motion, end)}
 
 
-def score_of(motion: Motion, end: float) -> dict[str, Any] | None:
+def score_of(motion: MotionHistory, end: float) -> dict[str, Any] | None:
     """Return what a controller has achieved in the last minute, and what it has spent."""
     x = between(motion.samples, end - _SCORED_S, end)[:, :2]
     if len(x) < 2:

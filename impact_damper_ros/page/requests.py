@@ -11,7 +11,7 @@ import json
 import math
 from typing import Any
 
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 #: Fields of each request, and what each of them is.
 REQUESTS = {
@@ -79,11 +79,11 @@ def check_request(message: dict[str, Any]) -> None:
     """Raise a RequestError if a message is none of the `REQUESTS`."""
     kind = message.get('type')
     if not isinstance(kind, str) or kind not in REQUESTS:
-        raise RequestError(f'{shown(kind)} is no request: give one of {", ".join(REQUESTS)}')
+        raise RequestError(f'{quote(kind)} is no request: give one of {", ".join(REQUESTS)}')
     for name, wanted in REQUESTS[kind].items():
         if name not in message:
             raise RequestError(f'{kind} has no {name}: give {wanted}')
         value = message[name]
         is_flag = isinstance(value, bool) and wanted != 'true or false'
         if is_flag or not isinstance(value, _KINDS[wanted]):
-            raise RequestError(f'{name} of {kind} is {shown(value)}: give {wanted}')
+            raise RequestError(f'{name} of {kind} is {quote(value)}: give {wanted}')

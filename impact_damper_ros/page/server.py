@@ -30,7 +30,7 @@ from .client import LONGEST_MESSAGE, STALLED_S, Client
 from .gate import Gate
 from .live import LiveRig
 from .presets import load_presets
-from .recorded import Player, Recording, load_recording
+from .recorded_source import Player, Recording, load_recording
 from .recordings import Recordings
 from .requests import RequestError
 from .source import Source

@@ -11,7 +11,7 @@ import numpy as np
 
 from impact_damper_ros.design.damper_design import best_design
 from impact_damper_ros.design.mass_damper import den_hartog, mass_damper_response
-from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.all_parameters import RIG_SPECS
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import ParameterError

@@ -20,7 +20,7 @@ from impact_damper_ros.replay.what_if import WhatIf
 from impact_damper_ros.report.run_pair import RunPair
 from impact_damper_ros.rig.runaway import RunawayError
 
-from .motion import MOST_IMPACTS, MOST_SAMPLES, Motion, Stretch
+from .motion import MOST_IMPACTS, MOST_SAMPLES, MotionHistory, Stretch
 
 
 class WhatIfMotion:
@@ -33,7 +33,7 @@ class WhatIfMotion:
     def __init__(
         self, path: Path, values: Mapping[str, Any], send: Callable[[dict[str, Any]], None]
     ) -> None:
-        self.motion = Motion(MOST_SAMPLES, MOST_IMPACTS)
+        self.motion = MotionHistory(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._send = send
         # What both rigs amount to, once that is known

@@ -5,7 +5,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .parameter_spec import ParameterError, ParameterSpec, ParameterTable, number, specs_of, text
+from .parameter_spec import (
+    ParameterError,
+    ParameterSpec,
+    ParameterTable,
+    numeric,
+    specs_of,
+    text,
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
@@ -39,21 +46,21 @@ class GapControlParameters(ParameterTable):
         ('symmetric', 'independent'),
         'Stops placed symmetrically by the amplitude alone, or each by what is measured at it.',
     )
-    gap_control_gain: float = number(
+    gap_control_gain: float = numeric(
         0.8,
         1e-3,
         1e3,
         '',
         'Gap of the amplitude law with symmetric stops, over the best gap of that amplitude.',
     )
-    gap_control_park: float = number(
+    gap_control_park: float = numeric(
         1.5,
         1e-3,
         1e3,
         '',
         'Gap at which the timed law parks the stops, over the best gap of that amplitude.',
     )
-    gap_control_lead: float = number(
+    gap_control_lead: float = numeric(
         0.05,
         0.0,
         0.5,
@@ -61,39 +68,39 @@ class GapControlParameters(ParameterTable):
         'How early before the passage of X through zero the amplitude law with independent stops '
         'wants each impact, in half cycles.',
     )
-    gap_control_timing_gain: float = number(
+    gap_control_timing_gain: float = numeric(
         0.1,
         0.0,
         2.0,
         '',
         'Share of the way to the wanted instant by which a stop is moved at each impact.',
     )
-    gap_control_smoothing: float = number(
+    gap_control_smoothing: float = numeric(
         0.3, 1e-3, 1.0, '', 'Weight of the last half cycle in the estimate of the amplitude of X.'
     )
-    gap_control_threshold: float = number(
+    gap_control_threshold: float = numeric(
         0.0, 0.0, 1e9, 'm', 'Amplitude of X up to which the stops stay at the gap.'
     )
-    gap_min: float = number(
+    gap_min: float = numeric(
         1e-3, 1e-9, 1e9, 'm', 'Smallest gap to which the control moves the stops.'
     )
-    gap_max: float = number(
+    gap_max: float = numeric(
         1e3, 1e-9, 1e9, 'm', 'Largest gap; no stop moves farther from the middle than half of it.'
     )
-    gap_control_rate: float = number(
+    gap_control_rate: float = numeric(
         100.0, 1e-3, 1e5, 'Hz', 'Rate at which the control samples X, Y and their velocities.'
     )
-    gap_control_noise_position: float = number(
+    gap_control_noise_position: float = numeric(
         0.0, 0.0, 1e9, 'm', 'Standard deviation of the noise on the sampled X and Y.'
     )
-    gap_control_noise_velocity: float = number(
+    gap_control_noise_velocity: float = numeric(
         0.0, 0.0, 1e9, 'm/s', 'Standard deviation of the noise on their sampled velocities.'
     )
-    gap_control_seed: int = number(0, 0, 2**31 - 1, '', 'Seed of that noise.')
-    gap_control_resolution_position: float = number(
+    gap_control_seed: int = numeric(0, 0, 2**31 - 1, '', 'Seed of that noise.')
+    gap_control_resolution_position: float = numeric(
         0.0, 0.0, 1e9, 'm', 'Step to which the sampled X and Y are rounded; 0 for none.'
     )
-    gap_control_resolution_velocity: float = number(
+    gap_control_resolution_velocity: float = numeric(
         0.0, 0.0, 1e9, 'm/s', 'Step to which their sampled velocities are rounded; 0 for none.'
     )
     sensor_fault: str = text(
@@ -102,13 +109,13 @@ class GapControlParameters(ParameterTable):
         'Fault of the sensors of X and Y: they repeat the last sample, give none, have an error '
         'of sensor_fault_size, or about one sample in ten has.',
     )
-    sensor_fault_size: float = number(
+    sensor_fault_size: float = numeric(
         0.0, -1e9, 1e9, 'm', 'Error of X and Y under a bias or in a spike.'
     )
-    actuator_delay: float = number(
+    actuator_delay: float = numeric(
         0.0, 0.0, 1e6, 's', 'Time from a command to the start of the stop.'
     )
-    actuator_speed: float = number(
+    actuator_speed: float = numeric(
         0.0,
         0.0,
         1e9,
@@ -117,7 +124,7 @@ class GapControlParameters(ParameterTable):
         least=1e-6,
         zero='at once',
     )
-    actuator_mass: float = number(
+    actuator_mass: float = numeric(
         0.01, 0.0, 1e9, 'kg', 'Moving mass of one stop, for the account of the energy spent on it.'
     )
 

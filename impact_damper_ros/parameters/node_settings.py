@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .parameter_spec import ParameterSpec, ParameterTable, flag, number, specs_of, text
+from .parameter_spec import ParameterSpec, ParameterTable, flag, numeric, specs_of, text
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
@@ -14,10 +14,10 @@ class NodeSettings(ParameterTable):
 
     _owner = 'the node'
 
-    state_rate: float = number(
+    state_rate: float = numeric(
         200.0, 1.0, 2000.0, 'Hz', 'Joint states per second of rig time.', effect='start'
     )
-    real_time_factor: float = number(
+    real_time_factor: float = numeric(
         1.0,
         0.0,
         1000.0,
@@ -32,7 +32,7 @@ class NodeSettings(ParameterTable):
         'also happens if real_time_factor is not 1 at the start.',
         effect='start',
     )
-    real_time_priority: int = number(
+    real_time_priority: int = numeric(
         0,
         0,
         99,
@@ -41,7 +41,7 @@ class NodeSettings(ParameterTable):
         'the other threads have one less. 0 for ordinary scheduling.',
         effect='start',
     )
-    measurement_rate: float = number(
+    measurement_rate: float = numeric(
         0.0,
         0.0,
         10000.0,
@@ -51,13 +51,13 @@ class NodeSettings(ParameterTable):
         zero='none',
         effect='start',
     )
-    measurement_latency: float = number(
+    measurement_latency: float = numeric(
         0.0, 0.0, 1e3, 's', 'Rig time from a measurement to its publication.'
     )
-    measurement_jitter: float = number(
+    measurement_jitter: float = numeric(
         0.0, 0.0, 1e3, 's', 'Largest additional latency, uniform at random.'
     )
-    measurement_loss: float = number(
+    measurement_loss: float = numeric(
         0.0, 0.0, 1.0, '', 'Share of the measurements that get lost, at random.'
     )
     control_law: str = text(
@@ -88,14 +88,14 @@ class NodeSettings(ParameterTable):
         'with its stamp; stamps then count from 0, and /clock is published.',
         effect='start',
     )
-    lock_step_timeout: float = number(
+    lock_step_timeout: float = numeric(
         10.0,
         1e-3,
         1e6,
         's',
         'Wall time after which the rig in lock-step continues without a command, until one comes.',
     )
-    command_timeout: float = number(
+    command_timeout: float = numeric(
         1.0,
         0.0,
         1e6,
@@ -103,7 +103,7 @@ class NodeSettings(ParameterTable):
         'Rig time without a command after which the stops of an external control are parked at '
         'the gap, and its force ends; 0 for never.',
     )
-    force_limit: float = number(
+    force_limit: float = numeric(
         0.0,
         0.0,
         1e12,
@@ -121,7 +121,7 @@ class NodeSettings(ParameterTable):
         effect='next recording',
     )
     # Each file begins with a description of its topics.
-    max_bag_size: int = number(
+    max_bag_size: int = numeric(
         0,
         0,
         10**15,
@@ -131,7 +131,7 @@ class NodeSettings(ParameterTable):
         zero='no limit',
         effect='next recording',
     )
-    max_bag_duration: float = number(
+    max_bag_duration: float = numeric(
         0.0,
         0.0,
         1e9,

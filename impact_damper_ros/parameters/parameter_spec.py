@@ -16,7 +16,7 @@ from itertools import islice
 from math import inf, isfinite, nan
 from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias
 
-from .quoting import named, shown, similar_names
+from .quoting import as_name, quote, similar_names
 from .units import UNITS, USUAL, in_si, split_number
 
 Value: TypeAlias = float | bool | int | str | tuple[float, ...]
@@ -49,7 +49,7 @@ def as_float(value: Any) -> float:
 def check_kind(name: str, value: object, kind: type | tuple[type, ...], wanted: str) -> None:
     """Raise a TypeError if an argument is not of a kind; `wanted` is what to give."""
     if not isinstance(value, kind):
-        raise TypeError(f'{name} is {shown(value)}: give {wanted}')
+        raise TypeError(f'{name} is {quote(value)}: give {wanted}')
 
 
 class ParameterError(ValueError):
@@ -126,7 +126,7 @@ class ParameterSpec(NamedTuple):
         """The usual range in words; empty without one."""
         return '{:.4g} to {:.4g}'.format(*self.usual) if self.usual else ''
 
-    def checked(self, value: Any) -> Value:
+    def check(self, value: Any) -> Value:
         """
         Return a value checked and in the type of the kind.
 
@@ -144,7 +144,7 @@ class ParameterSpec(NamedTuple):
         if self.kind != 'bool':
             return self._number(value, self.name)
         if not isinstance(value, bool):
-            raise self._error(f'{self.name} is {shown(value)}: give true or false')
+            raise self._error(f'{self.name} is {quote(value)}: give true or false')
         return value
 
     def read(self, text: str, unit: str = '') -> Value:
@@ -155,16 +155,16 @@ class ParameterSpec(NamedTuple):
         semicolons, or by commas where these are no decimal signs.
         """
         if self.low is None:
-            return self.checked(text)
+            return self.check(text)
         parts = self._parts(text, unit)
         # A unit behind the last entry is that of all
         last = unit or (parts[-1][1] if parts else '') or self.unit
         numbers = []
         for number, own in parts:
             factor = UNITS[self.unit][own or last]
-            self._in(own or last).checked(number)
+            self._in(own or last).check(number)
             numbers.append(in_si(number, factor))
-        return self.checked(numbers if self.kind == 'double_array' else numbers[0])
+        return self.check(numbers if self.kind == 'double_array' else numbers[0])
 
     def units_of(self, value: Any) -> set[str]:
         """Return the units in a value that may be a text; empty without one."""
@@ -184,7 +184,7 @@ class ParameterSpec(NamedTuple):
                 pairs = range(0, len(entries), 2)
                 numbers = [f'{entries[k].strip()}.{entries[k + 1].strip()}' for k in pairs]
                 raise self._error(
-                    f'{self.name} is {shown(text)}: write {"; ".join(numbers)}, with a decimal '
+                    f'{self.name} is {quote(text)}: write {"; ".join(numbers)}, with a decimal '
                     f'point, or {"; ".join(e.strip() for e in entries)} for {len(entries)} numbers'
                 )
         parts = [
@@ -193,7 +193,7 @@ class ParameterSpec(NamedTuple):
         bare = [number for number, own in parts if not own]
         if bare and parts[-1][1] and any(own for _, own in parts[:-1]):
             raise self._error(
-                f'{self.name} is {shown(text)}: {bare[0]:g} has no unit, as others have: give '
+                f'{self.name} is {quote(text)}: {bare[0]:g} has no unit, as others have: give '
                 'each entry its unit, or only the last one'
             )
         return parts
@@ -207,15 +207,15 @@ class ParameterSpec(NamedTuple):
         """Return number and unit of what a person typed."""
         number, own, other = split_number(entry)
         if other:
-            raise self._error(f'{self.name} is {shown(entry)}: write {other}')
+            raise self._error(f'{self.name} is {quote(entry)}: write {other}')
         if number is None:
-            raise self._error(f'{self.name} is {shown(entry)}: {self._in(unit)._remedy}')
+            raise self._error(f'{self.name} is {quote(entry)}: {self._in(unit)._remedy}')
         units = UNITS[self.unit]
         if own and own not in units:
             names = [name for name in units if name and ',' not in name]
             others = f'write {", ".join(names)}' if names else 'write none'
             raise self._error(
-                f'{self.name} is {shown(entry)}: {shown(own)} is no unit of it: {others}'
+                f'{self.name} is {quote(entry)}: {quote(own)} is no unit of it: {others}'
             )
         return number, own
 
@@ -240,7 +240,7 @@ class ParameterSpec(NamedTuple):
             value, listed = (value,), True
         if not listed or isinstance(value, str | bytes):
             raise self._error(
-                f'{self.name} is {shown(value)}: give a list of numbers, such as [1.0]'
+                f'{self.name} is {quote(value)}: give a list of numbers, such as [1.0]'
             )
         # What is given may have no end
         entries = tuple(islice(value, MAX_HARMONICS + 1))
@@ -266,7 +266,7 @@ class ParameterSpec(NamedTuple):
         good = isinstance(value, str) and value.strip()
         if not good or (self.choices and value not in self.choices):
             remedy = f'give one of {self.span}' if self.choices else 'give a text'
-            raise self._error(f'{self.name} is {shown(value)}: {remedy}')
+            raise self._error(f'{self.name} is {quote(value)}: {remedy}')
         return str(value)
 
     def _number(self, value: Any, where: str) -> float:
@@ -275,7 +275,7 @@ class ParameterSpec(NamedTuple):
         unit = f' {self.unit}' if self.unit else ''
         number = nan if isinstance(value, bool) else as_float(value)
         if not isfinite(number) and not isinstance(value, float):
-            raise self._error(f'{where} is {shown(value)}: {self._remedy}')
+            raise self._error(f'{where} is {quote(value)}: {self._remedy}')
         whole = self.kind == 'integer'
         if not self.low <= number <= self.high or (whole and number != int(number)):
             percent = not unit and self.low <= 0.01 * number <= self.high
@@ -295,7 +295,7 @@ def number_between(name: str, value: Any, low: float, high: float) -> float:
     number = nan if isinstance(value, bool) else as_float(value)
     if not low <= number <= high:
         raise ParameterError(
-            name, f'{name} is {shown(value)}: give a number from {low:g} to {high:g}'
+            name, f'{name} is {quote(value)}: give a number from {low:g} to {high:g}'
         )
     return number
 
@@ -307,7 +307,7 @@ def whole_number(name: str, value: Any, low: int, high: int) -> int:
         if number == int(number):
             return int(number)
     raise ParameterError(
-        name, f'{name} is {shown(value)}: give a whole number from {low} to {high}'
+        name, f'{name} is {quote(value)}: give a whole number from {low} to {high}'
     )
 
 
@@ -320,7 +320,9 @@ _KINDS: dict[type, Kind] = {
 }
 
 
-def number(default: Any, low: float, high: float, unit: str, description: str, **more: Any) -> Any:
+def numeric(
+    default: Any, low: float, high: float, unit: str, description: str, **more: Any
+) -> Any:
     """Declare a number, a whole number or a list of numbers, as its default is."""
     return _declare(default, description, low, high, unit=unit, **more)
 
@@ -384,7 +386,7 @@ class ParameterTable:
     def __post_init__(self) -> None:
         """Replace every value by its checked one."""
         for name, spec in specs_of(type(self)).items():
-            object.__setattr__(self, name, spec.checked(getattr(self, name)))
+            object.__setattr__(self, name, spec.check(getattr(self, name)))
         self._check()
 
     def _check(self) -> None:
@@ -404,7 +406,7 @@ class ParameterTable:
         table = object.__new__(type(self))
         for name, spec in specs_of(type(self)).items():
             # What is kept has been checked.
-            value = spec.checked(changes[name]) if name in changes else getattr(self, name)
+            value = spec.check(changes[name]) if name in changes else getattr(self, name)
             object.__setattr__(table, name, value)
         table._check()
         return table
@@ -416,7 +418,9 @@ class ParameterTable:
             close = similar_names(name, specs_of(cls))
             hint = f'did you mean {close}?' if close else f'give one of {", ".join(specs_of(cls))}'
             hint = cls._remedies.get(name, hint)
-            raise ParameterError(name, f'{named(name)} is not a parameter of {cls._owner}: {hint}')
+            raise ParameterError(
+                name, f'{as_name(name)} is not a parameter of {cls._owner}: {hint}'
+            )
 
     def __repr__(self) -> str:
         """Return the values that are not the defaults, as they are given."""

@@ -26,7 +26,7 @@ from impact_damper_ros.parameters.rig_parameters import (
 )
 
 from .parameter_spec import ParameterError, ParameterTable
-from .quoting import named, shown, similar_names
+from .quoting import as_name, quote, similar_names
 from .structure import STRUCTURE_SPECS
 
 _NAME = 'impact_damper_ros'
@@ -95,7 +95,7 @@ class _Loader(_Base):  # type: ignore[misc]
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             kind = node.tag.rsplit(':', 1)[-1]
             raise YamlError(
-                f'line {_line(node)}: {shown(node.value)} is no value of the kind {kind}: write '
+                f'line {_line(node)}: {quote(node.value)} is no value of the kind {kind}: write '
                 'it in another way, or in quotes if it is a text'
             ) from None
 
@@ -109,7 +109,7 @@ class _Loader(_Base):  # type: ignore[misc]
                 )
             if key in block:
                 raise YamlError(
-                    f'line {line}: {shown(key)} stands there twice, first in line '
+                    f'line {line}: {quote(key)} stands there twice, first in line '
                     f'{block.lines[key]}: keep one of them'
                 )
             block[key] = self.construct_object(value_node, deep=True)
@@ -156,7 +156,7 @@ def _load(text: str | bytes) -> list[Any]:
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None) or getattr(error, 'context_mark', None)
         place = '' if mark is None else f'line {mark.line + 1}: '
-        problem = named(getattr(error, 'problem', None) or error, 200)
+        problem = as_name(getattr(error, 'problem', None) or error, 200)
         raise YamlError(f'{place}is not YAML: {problem}') from None
 
 
@@ -241,7 +241,7 @@ def _rig_among(keys: Collection[str]) -> str:
     rig = max(found, key=lambda name: len(found[name]))
     others = [name for name, of_it in found.items() if not of_it <= found[rig]]
     if others:
-        names = [*map(named, [rig, *others][:8]), *(['...'] if len(others) > 7 else [])]
+        names = [*map(as_name, [rig, *others][:8]), *(['...'] if len(others) > 7 else [])]
         raise ParametersFileError(
             f'describes several rigs, {", ".join(names)}: name one with --node'
         )
@@ -249,24 +249,24 @@ def _rig_among(keys: Collection[str]) -> str:
 
 
 def _missing(node: str, keys: Collection[str]) -> str:
-    names = [*map(named, islice(keys, 8)), *(['...'] if len(keys) > 8 else [])]
+    names = [*map(as_name, islice(keys, 8)), *(['...'] if len(keys) > 8 else [])]
     remedy = f'give one of these names, or {_HEAD}' if any(map(_rig_of, keys)) else _HEAD
-    return f'no parameters for {named(node)} among {", ".join(names)}: {remedy}'
+    return f'no parameters for {as_name(node)} among {", ".join(names)}: {remedy}'
 
 
 def _block(key: str, value: Any) -> LineMapping:
     """Return the parameters of an entry."""
     if not isinstance(value, dict):
-        raise ParametersFileError(f'{named(key)} stands in no block of parameters: {_HEAD}')
+        raise ParametersFileError(f'{as_name(key)} stands in no block of parameters: {_HEAD}')
     if 'ros__parameters' not in value:
         raise ParametersFileError(
-            f'{named(key)} has no ros__parameters: below it, write the line '
+            f'{as_name(key)} has no ros__parameters: below it, write the line '
             '"ros__parameters:" and the parameters below that'
         )
     block = value['ros__parameters'] or LineMapping()
     if not isinstance(block, LineMapping):
         raise ParametersFileError(
-            f'ros__parameters of {named(key)} is not a list of "name: value" lines'
+            f'ros__parameters of {as_name(key)} is not a list of "name: value" lines'
         )
     return block
 
@@ -301,7 +301,7 @@ def _values(path: Path, node: str) -> LineMapping:
             close = similar_names(name, allowed)
             hint = f'did you mean {close}?' if close else 'remove it'
             raise ParametersFileError(
-                f'line {values.lines[name]}: unknown parameter {named(name)}: {hint}'
+                f'line {values.lines[name]}: unknown parameter {as_name(name)}: {hint}'
             )
     return values
 

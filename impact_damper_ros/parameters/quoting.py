@@ -55,7 +55,7 @@ def as_message(text: str) -> str:
     >>> as_message(f'no file {1000 * "x"}').count('x')
     223
     """
-    return printable(_LONG_WORD.sub(lambda match: named(match[0], _LONGEST_WORD), text))
+    return printable(_LONG_WORD.sub(lambda match: as_name(match[0], _LONGEST_WORD), text))
 
 
 def as_line(text: str) -> str:
@@ -72,13 +72,13 @@ def as_line(text: str) -> str:
     return printable(text).replace('\n', '\\n').replace('\t', '\\t')
 
 
-def shown(value: object, longest: int = _LONGEST) -> str:
+def quote(value: object, longest: int = _LONGEST) -> str:
     """
     Return a value as `repr` has it, on one line; a long one is cut in the middle.
 
     Examples
     --------
-    >>> shown('a' * 1000, 20)
+    >>> quote('a' * 1000, 20)
     "'aaaaaaaaa ... (1002 characters) ... aaaa'"
     """
     if isinstance(value, array):
@@ -99,16 +99,16 @@ def shown(value: object, longest: int = _LONGEST) -> str:
     return f'{text[: longest // 2]} ... ({count} characters) ... {text[-(longest // 4) :]}'
 
 
-def named(name: object, longest: int = _LONGEST) -> str:
+def as_name(name: object, longest: int = _LONGEST) -> str:
     r"""
-    Return a name or another text as `shown`, without quotes.
+    Return a name or another text as `quote` does, without quotes.
 
     Examples
     --------
-    >>> named('gap'), named('two\nlines')
+    >>> as_name('gap'), as_name('two\nlines')
     ('gap', 'two\\nlines')
     """
-    return shown(str(name), longest)[1:-1]
+    return quote(str(name), longest)[1:-1]
 
 
 def plural(count: int, noun: str, form: str = '') -> str:

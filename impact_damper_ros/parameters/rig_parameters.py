@@ -21,12 +21,12 @@ from .parameter_spec import (
     ParameterTable,
     check_kind,
     flag,
-    number,
+    numeric,
     specs_of,
     text,
 )
-from .quoting import shown
-from .structure import STRUCTURE_SPECS, resolved
+from .quoting import quote
+from .structure import STRUCTURE_SPECS, resolve_structure
 
 SWEEP_MODES = ('off', 'up', 'down', 'up_down')
 #: Most steps that a sweep may have from one end to the other.
@@ -59,22 +59,22 @@ class RigParameters(ParameterTable):
     _owner = 'the rig'
     _remedies = dict.fromkeys(STRUCTURE_SPECS, 'give it to RigParameters.of_structure or replace')
 
-    primary_mass: float = number(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
-    stiffness: float = number(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
-    damping: float = number(
+    primary_mass: float = numeric(1.0, 1e-6, 1e9, 'kg', 'Primary mass M.')
+    stiffness: float = numeric(1.0, 1e-6, 1e15, 'N/m', 'Stiffness K of the spring under M.')
+    damping: float = numeric(
         0.01, 0.0, 1e12, 'N s/m', 'Damping C of the dashpot; below 2 sqrt(K M).'
     )
-    damper_mass: float = number(0.042, 1e-9, 1e9, 'kg', 'Loose damper mass m.')
-    gap: float = number(
+    damper_mass: float = numeric(0.042, 1e-9, 1e9, 'kg', 'Loose damper mass m.')
+    gap: float = numeric(
         37.0, 1e-9, 1e9, 'm', 'Total gap d; stop 1 is at +d/2 from the middle, stop 2 at -d/2.'
     )
-    restitution_1: float = number(
+    restitution_1: float = numeric(
         0.75, 0.0, 1.0, '', 'Coefficient of restitution R1 at stop 1 (the lower one).'
     )
-    restitution_2: float = number(
+    restitution_2: float = numeric(
         0.75, 0.0, 1.0, '', 'Coefficient of restitution R2 at stop 2 (the upper one).'
     )
-    restitution_speed: float = number(
+    restitution_speed: float = numeric(
         0.0,
         0.0,
         1e9,
@@ -84,16 +84,16 @@ class RigParameters(ParameterTable):
         least=1e-6,
         zero='constant R',
     )
-    restitution_exponent: float = number(
+    restitution_exponent: float = numeric(
         0.25, 0.0, 0.999, '', 'Exponent p of that fall; 1/4 for plastic contact.'
     )
     # 1.5708 is what people type for 90 degrees.
-    angle: float = number(
+    angle: float = numeric(
         0.0, -1.5708, 1.5708, 'rad', 'Inclination of the axis, positive downwards.'
     )
-    friction: float = number(0.0, 0.0, 100.0, '', 'Coulomb friction coefficient between m and M.')
-    gravity: float = number(9.81, 0.0, 1e4, 'm/s^2', 'Gravitational acceleration g.')
-    air_force: float = number(
+    friction: float = numeric(0.0, 0.0, 100.0, '', 'Coulomb friction coefficient between m and M.')
+    gravity: float = numeric(9.81, 0.0, 1e4, 'm/s^2', 'Gravitational acceleration g.')
+    air_force: float = numeric(
         0.0,
         0.0,
         1e9,
@@ -101,20 +101,20 @@ class RigParameters(ParameterTable):
         'Compressed-air force on m, away from the stop it hit last; zero until the first impact.',
     )
     one_sided: bool = flag(False, 'True removes stop 2, so that m can hit stop 1 only.')
-    force_amplitudes: tuple[float, ...] = number(
+    force_amplitudes: tuple[float, ...] = numeric(
         (1.0,),
         -_MOST_FORCE,
         _MOST_FORCE,
         'N',
         'Amplitudes of the harmonics of the force on M.',
     )
-    force_frequencies: tuple[float, ...] = number(
+    force_frequencies: tuple[float, ...] = numeric(
         (1.0,), 0.0, 1e6, 'rad/s', 'Circular frequencies of the harmonics of the force on M.'
     )
-    force_phases: tuple[float, ...] = number(
+    force_phases: tuple[float, ...] = numeric(
         (0.0,), -1e6, 1e6, 'rad', 'Phases of the harmonics of the force on M.'
     )
-    base_amplitudes: tuple[float, ...] = number(
+    base_amplitudes: tuple[float, ...] = numeric(
         (0.0,),
         -1e9,
         1e9,
@@ -122,10 +122,10 @@ class RigParameters(ParameterTable):
         'Amplitudes of the lines of the motion of the base along the axis, in the unit of '
         'base_quantity; 0 for a base at rest.',
     )
-    base_frequencies: tuple[float, ...] = number(
+    base_frequencies: tuple[float, ...] = numeric(
         (1.0,), 0.0, 1e6, 'rad/s', 'Circular frequencies of the lines of the motion of the base.'
     )
-    base_phases: tuple[float, ...] = number(
+    base_phases: tuple[float, ...] = numeric(
         (0.0,), -1e6, 1e6, 'rad', 'Phases of the lines of the motion of the base.'
     )
     base_quantity: str = text(
@@ -134,23 +134,23 @@ class RigParameters(ParameterTable):
         'Quantity of base_amplitudes: displacement (m), velocity (m/s) or acceleration (m/s^2) of '
         'the base.',
     )
-    multisine_level: float = number(
+    multisine_level: float = numeric(
         0.0,
         0.0,
         1e12,
         'N',
         'Effective (rms) force of a random-phase multisine, added to the harmonics; 0 for none.',
     )
-    multisine_low: float = number(
+    multisine_low: float = numeric(
         0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the multisine.'
     )
-    multisine_high: float = number(
+    multisine_high: float = numeric(
         1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the multisine.'
     )
-    multisine_lines: int = number(
+    multisine_lines: int = numeric(
         64, 1, 512, '', 'Number of lines of the multisine, evenly spaced in its band.'
     )
-    multisine_seed: int = number(
+    multisine_seed: int = numeric(
         1, 0, 2**31 - 1, '', 'Seed of the random phases of the multisine.'
     )
     sweep_mode: str = text(
@@ -159,12 +159,14 @@ class RigParameters(ParameterTable):
         'Stepped sine: direction in which the first harmonic goes through the frequencies of the '
         'sweep; off keeps its own frequency.',
     )
-    sweep_low: float = number(0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the sweep.')
-    sweep_high: float = number(1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the sweep.')
-    sweep_step: float = number(
+    sweep_low: float = numeric(0.5, 1e-6, 1e6, 'rad/s', 'Lowest circular frequency of the sweep.')
+    sweep_high: float = numeric(
+        1.5, 1e-6, 1e6, 'rad/s', 'Highest circular frequency of the sweep.'
+    )
+    sweep_step: float = numeric(
         0.01, 1e-9, 1e6, 'rad/s', 'Step of the circular frequency in the sweep.'
     )
-    sweep_dwell: float = number(
+    sweep_dwell: float = numeric(
         100.0, 1e-3, 1e9, 's', 'Time for which the sweep stays at each frequency.'
     )
     sweep_spacing: str = text(
@@ -173,7 +175,7 @@ class RigParameters(ParameterTable):
         'Spacing of the frequencies of the sweep: equal steps, or equal ratios; the first '
         'step from sweep_low is sweep_step.',
     )
-    sweep_rate: float = number(
+    sweep_rate: float = numeric(
         0.0,
         0.0,
         1e6,
@@ -181,14 +183,14 @@ class RigParameters(ParameterTable):
         'Rate of a logarithmic sweep; sets the time at each frequency in place of sweep_dwell. 0 '
         'for sweep_dwell.',
     )
-    sweep_notch_frequencies: tuple[float, ...] = number(
+    sweep_notch_frequencies: tuple[float, ...] = numeric(
         (1.0,),
         1e-6,
         1e6,
         'rad/s',
         'Circular frequencies, rising, at which sweep_notch_factors holds.',
     )
-    sweep_notch_factors: tuple[float, ...] = number(
+    sweep_notch_factors: tuple[float, ...] = numeric(
         (1.0,),
         1e-9,
         1e9,
@@ -269,7 +271,7 @@ class RigParameters(ParameterTable):
         ParameterError
             If a name is unknown, two contradict each other, or the changed rig is not admissible.
         """
-        plain = resolved(changes, checked_number, self.primary_mass, self.stiffness)
+        plain = resolve_structure(changes, checked_number, self.primary_mass, self.stiffness)
         if 'base_amplitudes' in plain and (quantity := base_quantity_of(plain['base_amplitudes'])):
             plain['base_quantity'] = quantity
         return ParameterTable.replace(self, **plain)
@@ -523,7 +525,7 @@ class InitialConditions(ParameterTable):
 
     _owner = 'the initial conditions'
 
-    initial_primary_position: float = number(
+    initial_primary_position: float = numeric(
         0.0,
         -1e9,
         1e9,
@@ -531,10 +533,10 @@ class InitialConditions(ParameterTable):
         'Initial displacement X of M from its static equilibrium.',
         effect='next reset',
     )
-    initial_primary_velocity: float = number(
+    initial_primary_velocity: float = numeric(
         0.0, -1e9, 1e9, 'm/s', 'Initial velocity of M.', effect='next reset'
     )
-    initial_damper_offset: float = number(
+    initial_damper_offset: float = numeric(
         0.0,
         -1e9,
         1e9,
@@ -542,7 +544,7 @@ class InitialConditions(ParameterTable):
         'Initial position Y of m relative to M, within the gap.',
         effect='next reset',
     )
-    initial_damper_velocity: float = number(
+    initial_damper_velocity: float = numeric(
         0.0, -1e9, 1e9, 'm/s', 'Initial absolute velocity of m.', effect='next reset'
     )
 
@@ -574,7 +576,7 @@ def check_rig(name: str, value: object) -> None:
 
 def checked_number(name: str, value: Any) -> float:
     """Return the checked number of a parameter of the rig."""
-    return float(PARAMETER_SPECS[name].checked(value))  # type: ignore[arg-type]
+    return float(PARAMETER_SPECS[name].check(value))  # type: ignore[arg-type]
 
 
 def base_quantity_of(amplitudes: object) -> str:
@@ -588,7 +590,7 @@ def base_quantity_of(amplitudes: object) -> str:
     if len(quantities) > 1:
         raise ParameterError(
             spec.name,
-            f'{spec.name} is {shown(amplitudes)}, {" and ".join(sorted(quantities))}: give all '
+            f'{spec.name} is {quote(amplitudes)}, {" and ".join(sorted(quantities))}: give all '
             'lines of the base as one quantity',
         )
     return quantities.pop() if quantities else ''

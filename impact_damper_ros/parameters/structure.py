@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from .parameter_spec import ParameterError, ParameterSpec
-from .quoting import shown
+from .quoting import quote
 
 _DAMPED = 0.9999
 
@@ -86,14 +86,14 @@ def _common_value(
         if not math.isclose(value, other, rel_tol=_SAME, abs_tol=0.0):
             raise ParameterError(
                 name,
-                f'{first} {shown(given[first])} means a {target} of {value:.9g}{unit}, and {name} '
-                f'{shown(given[name])} one of {other:.9g}{unit}: give one of them',
+                f'{first} {quote(given[first])} means a {target} of {value:.9g}{unit}, and {name} '
+                f'{quote(given[name])} one of {other:.9g}{unit}: give one of them',
             )
     # What was given itself is kept to the last bit
     return values.get(target, value)
 
 
-def resolved(
+def resolve_structure(
     values: Mapping[str, Any], number: Callable[[str, Any], float], mass: float, stiffness: float
 ) -> dict[str, Any]:
     """
@@ -113,7 +113,7 @@ def resolved(
     ParameterError
         If a value is not admissible, or two contradict each other.
     """
-    known = {n: spec.checked(values[n]) for n, spec in STRUCTURE_SPECS.items() if n in values}
+    known = {n: spec.check(values[n]) for n, spec in STRUCTURE_SPECS.items() if n in values}
     if not known:
         return dict(values)
     plain = {name: value for name, value in values.items() if name not in STRUCTURE_SPECS}

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from .quoting import shown
+from .quoting import quote
 
 Document = dict[str, Any]
 Upgrade = Callable[[Document], Document]
@@ -43,7 +43,7 @@ def upgrade(document: Document, number: object, upgrades: Sequence[Upgrade]) -> 
     last = newest(upgrades)
     if type(number) is not int or not 1 <= number <= last:
         known = 'format 1' if last == 1 else f'formats 1 to {last}'
-        raise FormatError(f'of format {shown(number)}; this version reads {known}')
+        raise FormatError(f'of format {quote(number)}; this version reads {known}')
     for upgrade in upgrades[number - 1 :]:
         document = upgrade(document)
     return document

@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.gap_control_parameters import (
     GapControlParameters,
 )
 from impact_damper_ros.parameters.parameter_spec import number_between
-from impact_damper_ros.parameters.quoting import as_line, shown
+from impact_damper_ros.parameters.quoting import as_line, quote
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     PARAMETER_SPECS,
@@ -171,17 +171,17 @@ def parameters_of(values: Mapping[str, Any]) -> dict[str, Any]:
     return {n: tuple(value) if isinstance(value, list) else value for n, value in values.items()}
 
 
-def _deed(name: object, value: Any) -> Deed:
+def _act_text(name: object, value: Any) -> Deed:
     if name == 'change':
         strange = sorted(value.keys() - {*PARAMETER_SPECS, *GAP_CONTROL_SPECS, *INITIAL_SPECS})
         if strange:
-            raise ValueError(f'{shown(strange[0])} is no parameter of a rig')
+            raise ValueError(f'{quote(strange[0])} is no parameter of a rig')
         return parameters_of(value)
     if name == 'reset':
         return InitialConditions(**value)
     if name == 'stamp_offset_ns' and type(value) is int:
         return value
-    raise ValueError(f'{shown(name)} with {shown(value)} is nothing that is done to a rig')
+    raise ValueError(f'{quote(name)} with {quote(value)} is nothing that is done to a rig')
 
 
 def read_head(record: RecordedMessage, path: Path, purpose: str) -> Head:
@@ -224,19 +224,19 @@ def _read(
 def _text(name: str, value: Any) -> str:
     """Return a text that a snapshot holds."""
     if not isinstance(value, str):
-        raise ValueError(f'{name} is {shown(value)}: it must be a text')
+        raise ValueError(f'{name} is {quote(value)}: it must be a text')
     return value
 
 
 def _head(held: dict[str, Any]) -> Head:
     offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
-    text = f'stamp_offset_ns is {shown(offset_ns)} and time_ns {shown(time_ns)}'
+    text = f'stamp_offset_ns is {quote(offset_ns)} and time_ns {quote(time_ns)}'
     if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
         raise ValueError(f'{text}: both must be whole numbers of nanoseconds')
     if abs(offset_ns) + time_ns >= _LATEST_NS:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
     if type(held['number']) is not int:
-        raise ValueError(f'number is {shown(held["number"])}: it must be a whole number')
+        raise ValueError(f'number is {quote(held["number"])}: it must be a whole number')
     return Head(_text('run', held['run']), held['number'], offset_ns, time_ns)
 
 
@@ -248,7 +248,7 @@ def _command_of(held: dict[str, Any], law: OwnLaw | None) -> Command:
     numbers = {'mathematics': held['mathematics'], 'arithmetic': held['state']['arithmetic']}
     for name, number in numbers.items():
         if type(number) is not int:
-            raise ValueError(f'{name} is {shown(number)}: it must be a whole number')
+            raise ValueError(f'{name} is {quote(number)}: it must be a whole number')
     number_between('rate', held['rate'], *RATES)
     return Command(
         head.stamp_ns,
@@ -260,7 +260,7 @@ def _command_of(held: dict[str, Any], law: OwnLaw | None) -> Command:
         node=_text('node', held['node']),
         topics={str(key): _text('topics', name) for key, name in held['topics'].items()},
         rate=held['rate'],
-        done=tuple(_deed(name, value) for name, value in held['done']),
+        done=tuple(_act_text(name, value) for name, value in held['done']),
         initial=InitialConditions(**held['initial']),
         state=_checked_state(held['state'], law),
         **numbers,
@@ -275,7 +275,7 @@ def parse_snapshot(text: str) -> dict[str, Any]:
     except RecursionError as error:
         raise ValueError('it is nested too deep') from error
     if not isinstance(held, dict):
-        raise ValueError(f'it is {shown(held)}, not an object')
+        raise ValueError(f'it is {quote(held)}, not an object')
     return held
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 
 #: Differences kept after each change of the rig, and remarks and faults kept.
 _MOST_KEPT = 20
@@ -100,7 +100,7 @@ def _text_of(value: object) -> str:
         return 'not given'
     if isinstance(value, float):
         return f'{value:.9g}'
-    return value if isinstance(value, str) else shown(value)
+    return value if isinstance(value, str) else quote(value)
 
 
 def _plain(value: Any) -> Any:

@@ -23,8 +23,8 @@ from impact_damper_ros.bag.messages import JOINT_STATE, message_row
 from impact_damper_ros.bag.rig_topics import JOINTS
 from impact_damper_ros.bag.snapshots import mathematics, without_search
 from impact_damper_ros.control.act import ControlAct
-from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.motion.event import table_of_events
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.plain import differences
 from impact_damper_ros.parameters.rig_parameters import InitialConditions

@@ -20,8 +20,8 @@ import numpy as np
 
 from impact_damper_ros.bag import RigRecorder
 from impact_damper_ros.bag.snapshots import without_search
-from impact_damper_ros.motion.compiled import has_numba
 from impact_damper_ros.motion.event import Event, table_of_events
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
 from impact_damper_ros.rig.observed_run import Observer

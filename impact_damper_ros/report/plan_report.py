@@ -84,7 +84,7 @@ def plan_text(rig: RigParameters, runs: Sequence[PlannedRun]) -> str:
     rate = float(f'{_PER_CYCLE * hertz:.1g}')
     low, high = (share * hertz for share in _SWEPT)
 
-    def filled(text: str, indent: str) -> str:
+    def fill(text: str, indent: str) -> str:
         return textwrap.fill(
             text, 95, initial_indent=indent, subsequent_indent='     ', break_on_hyphens=False
         )
@@ -102,6 +102,6 @@ def plan_text(rig: RigParameters, runs: Sequence[PlannedRun]) -> str:
         'fit_rig START.csv --impacts HITS.csv --rig RIG.yaml --json fit.json fits R, friction and '
         'gap to a start; design_damper --fitted fit.json goes on from there.',
     ]
-    lines = [filled(f'{k}. {text}', '  ') for k, text in enumerate(steps, 1)]
-    table = [_plan_table(runs).text('       '), filled(_note(runs), '     ')]
+    lines = [fill(f'{k}. {text}', '  ') for k, text in enumerate(steps, 1)]
+    table = [_plan_table(runs).text('       '), fill(_note(runs), '     ')]
     return '\n'.join(['Test plan:', *lines[:3], *table, *lines[3:]])

@@ -20,8 +20,8 @@ from impact_damper_ros.control.state import (
     Refusal,
     settings_fields,
 )
-from impact_damper_ros.motion.compiled import dtype_of, on_threads, packed, rows_of
 from impact_damper_ros.motion.event import SAMPLE_TYPE, EventRow, Sample
+from impact_damper_ros.motion.kernels import dtype_of, on_threads, pack, rows_of
 from impact_damper_ros.motion.next_event import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
 from impact_damper_ros.motion.oscillator import oscillators
 from impact_damper_ros.motion.state import (
@@ -207,7 +207,7 @@ def _columns(
         if spec.kind == 'integer':
             wrong |= column != np.floor(column)
         if wrong.any():
-            spec.checked(float(column[np.argmax(wrong)]))
+            spec.check(float(column[np.argmax(wrong)]))
         # Never -0.0
         columns[name] = column + 0.0
     return columns
@@ -307,10 +307,10 @@ def run_ensemble(
         settings.replace(**{n: numbers[n] for n in numbers if n in _CONTROL_NUMBERS})
 
     constants, lines = _constants(parameters, p, count)
-    runs = np.full(count, packed(Run()))
+    runs = np.full(count, pack(Run()))
     for name, column in starting_fields(start, constants['half_gap'], p.one_sided).items():
         runs[name] = column
-    waves = np.full((count, lines.shape[1] // 2), packed(Wave()))
+    waves = np.full((count, lines.shape[1] // 2), pack(Wave()))
     runs['room'], runs['steps'], runs['most'] = _LOG_ROWS if controlled else 0, ALL_STEPS, most
     runs['most_in_period'] = MOST_IN_PERIOD
     controls = None

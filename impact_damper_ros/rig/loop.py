@@ -38,7 +38,6 @@ from impact_damper_ros.control.controller import (
 )
 from impact_damper_ros.control.own_law import law_failed
 from impact_damper_ros.control.state import Control, ControlSettings, Estimates, Measurement
-from impact_damper_ros.motion.compiled import compiled, dtype_of, kernel, only_row
 from impact_damper_ros.motion.event import (
     ROWS_AT_ONCE,
     STOP_ARRIVED,
@@ -52,6 +51,7 @@ from impact_damper_ros.motion.event import (
     write_passage,
 )
 from impact_damper_ros.motion.flight import Motion, motion_at, move_to, places_after
+from impact_damper_ros.motion.kernels import compiled_kernel, dtype_of, kernel, only_row
 from impact_damper_ros.motion.moving_stops import move_stops
 from impact_damper_ros.motion.next_event import (
     COMMANDS_FULL,
@@ -677,7 +677,7 @@ def run_compiled(
     if controls is not None:
         form = 'control' if controls.law is None else 'own law'
     try:
-        compiled(run_each.__name__, arguments, form=form)(*arguments)
+        compiled_kernel(run_each.__name__, arguments, form=form)(*arguments)
     except SystemError as error:
         # What a signal raises just as compiled code returns
         if isinstance(error.__cause__, KeyboardInterrupt):

@@ -22,7 +22,6 @@ from impact_damper_ros.control.controller import (
     settings_of,
     with_new_settings,
 )
-from impact_damper_ros.motion.compiled import dtype_of, packed_rows, unpack
 from impact_damper_ros.motion.event import (
     ROWS_AT_ONCE,
     SAMPLE_TYPE,
@@ -33,6 +32,7 @@ from impact_damper_ros.motion.event import (
     events_of,
 )
 from impact_damper_ros.motion.flight import begin_flight
+from impact_damper_ros.motion.kernels import dtype_of, pack_rows, unpack
 from impact_damper_ros.motion.moving_stops import move_stops, place_stops_at_gap
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
@@ -428,8 +428,8 @@ class Rig(RigState):
         """Run the loop compiled; the rig changes at the end only."""
         run, control, controlled = self._run, self._control, self.moves_stops
         if self._packed is None:
-            harmonics = packed_rows(self._lines, Line)
-            self._packed = packed_rows([self._constants], RigConstants), harmonics[np.newaxis]
+            harmonics = pack_rows(self._lines, Line)
+            self._packed = pack_rows([self._constants], RigConstants), harmonics[np.newaxis]
         if self._packed_records is None:
             self._packed_records = tuple(map(np.array, self._schedule[2:]))
         rows, acts = tables.room(run.now), NO_ACTS
@@ -439,9 +439,9 @@ class Rig(RigState):
         elif controlled:
             acts = np.empty(FIRST_ROWS, dtype_of(ActRow))
         self._open_tables(len(rows), len(acts))
-        state, waves = packed_rows([run], Run), packed_rows(self._waves, Wave)
+        state, waves = pack_rows([run], Run), pack_rows(self._waves, Wave)
         acting = packed_control(control) if controlled else None
-        strobes = NO_STROBES if strobe is None else packed_rows([strobe], Strobe)
+        strobes = NO_STROBES if strobe is None else pack_rows([strobe], Strobe)
         outcomes = np.zeros(1, np.int64)
         run_compiled(
             (*self._packed, state),

@@ -18,7 +18,6 @@ from impact_damper_ros.control.controller import (
 from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
 from impact_damper_ros.control.state import Control, Measurement
 from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
-from impact_damper_ros.motion.compiled import copied, has_numba
 from impact_damper_ros.motion.event import (
     Event,
     EventRow,
@@ -29,12 +28,13 @@ from impact_damper_ros.motion.event import (
     view_at,
 )
 from impact_damper_ros.motion.flight import begin_flight, move_to, oscillator_of
+from impact_damper_ros.motion.kernels import copy_of, has_numba
 from impact_damper_ros.motion.state import Mode, Moving, Run, Wave, constants_of, starting_fields
 from impact_damper_ros.motion.transition import begin_from, report_support
 from impact_damper_ros.motion.zero_passage import set_side
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import as_float, check_kind, whole_number
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters, check_rig
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at
@@ -73,7 +73,7 @@ class RigState:
         start = as_float(time)
         if not -LATEST <= start <= LATEST:
             raise ValueError(
-                f'the rig cannot start at {shown(time)} s: give a number from {-LATEST:g} to '
+                f'the rig cannot start at {quote(time)} s: give a number from {-LATEST:g} to '
                 f'{LATEST:g} s'
             )
         for record in records:
@@ -243,8 +243,8 @@ class RigState:
         """Return a mark for `go_back`; far cheaper than a snapshot."""
         state = self.__dict__.copy()
         # All the rest of it is immutable, or made anew by `advance`.
-        state['_run'] = copied(self._run)
-        state['_waves'] = list(map(copied, self._waves))
+        state['_run'] = copy_of(self._run)
+        state['_waves'] = list(map(copy_of, self._waves))
         if self._gap_control.active or not self._control.idles or self._law is not None:
             state['_control'] = self._control.copy()
         return state
@@ -313,7 +313,7 @@ class RigState:
         """Return the motion of the rig, without its control, as a record."""
         return Snapshot(
             self._parameters,
-            copied(self._run),
+            copy_of(self._run),
             tuple(wave.angle for wave in self._waves),
             tuple(self._unreported),
             self._sweep,
@@ -385,7 +385,7 @@ class RigState:
         rig._law, rig._parameters, rig._sweep = own_law_of(law), state.parameters, state.sweep
         rig.compiled = rig._may_compile() if compiled is None else compiled
         rig._tune()
-        rig._run, rig._waves = copied(state.run), [Wave(a) for a in state.angles]
+        rig._run, rig._waves = copy_of(state.run), [Wave(a) for a in state.angles]
         rig._acts, rig._unreported = [], list(state.unreported)
         rig._play(state.playbacks)
         kept = state.run

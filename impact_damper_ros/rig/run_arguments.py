@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from impact_damper_ros.parameters.parameter_spec import ParameterError, as_float
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 from impact_damper_ros.rig.snapshot import LATEST
 
 #: More events than any run has.
@@ -24,7 +24,7 @@ def most_of(most_events: float, name: str = 'most_events') -> int:
     number = as_float(most_events)
     if not number >= 0.0:
         raise ValueError(
-            f'{name} is {shown(most_events)}: give a number from 0 on, infinity for no limit'
+            f'{name} is {quote(most_events)}: give a number from 0 on, infinity for no limit'
         )
     return MOST if number >= MOST else ceil(number)
 
@@ -34,7 +34,7 @@ def later_time(time: float, now: float) -> float:
     end = as_float(time)
     if not now <= end < inf:
         raise ValueError(
-            f'cannot advance to {shown(time)} s: give a finite time not before {now!r} s'
+            f'cannot advance to {quote(time)} s: give a finite time not before {now!r} s'
         )
     if end > LATEST:
         raise ValueError(f'cannot advance to {end!r} s: give a time up to {LATEST:g} s')
@@ -46,7 +46,7 @@ def times_between(since: float, end: float, instants: Any) -> npt.NDArray[np.flo
     try:
         when = np.array(instants, dtype=float).reshape(-1)
     except (OverflowError, TypeError, ValueError) as error:
-        raise ValueError(f'instants are {shown(instants)}: give a list of times, s') from error
+        raise ValueError(f'instants are {quote(instants)}: give a list of times, s') from error
     in_order = bool(np.all(when[1:] >= when[:-1]))
     if len(when) and not (in_order and when[0] >= since and when[-1] <= end):
         raise ValueError(
@@ -67,7 +67,7 @@ def check_target(one_sided: bool, stop: int, target: float, speed: float) -> Non
     if not -_FARTHEST <= as_float(target) <= _FARTHEST:
         raise ParameterError(
             name,
-            f'{name} is {shown(target)} m: give the place Y where it is to go, a number from '
+            f'{name} is {quote(target)} m: give the place Y where it is to go, a number from '
             f'{-_FARTHEST:g} to {_FARTHEST:g} m',
         )
     if not speed >= _SLOWEST:

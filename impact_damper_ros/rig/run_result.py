@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from impact_damper_ros.motion.compiled import dtype_of
 from impact_damper_ros.motion.event import (
     EVENT_TYPE,
     ROWS_AT_ONCE,
@@ -23,6 +22,7 @@ from impact_damper_ros.motion.event import (
     events_of_table,
     table_of_events,
 )
+from impact_damper_ros.motion.kernels import dtype_of
 from impact_damper_ros.motion.next_event import DONE, RUNAWAY, SPENT
 from impact_damper_ros.parameters.quoting import plural
 

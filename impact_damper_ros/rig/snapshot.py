@@ -18,7 +18,7 @@ from impact_damper_ros.motion.state import (
     Run,
 )
 from impact_damper_ros.parameters.parameter_spec import number_between, whole_number
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.upgrades import (
     CONSTANT_RESTITUTION,
@@ -216,7 +216,7 @@ class Snapshot(NamedTuple):
             state.
         """
         if not isinstance(stored, dict):
-            raise ValueError(f'snapshot is {shown(stored)}: give a dictionary, as it was taken')
+            raise ValueError(f'snapshot is {quote(stored)}: give a dictionary, as it was taken')
         try:
             stored = present({'state': stored})['state']
         except FormatError as error:

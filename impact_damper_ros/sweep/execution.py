@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import impact_damper_ros
 from impact_damper_ros.control.own_law import LawError, OwnLaw
-from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError, whole_number
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError

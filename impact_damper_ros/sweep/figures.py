@@ -104,7 +104,7 @@ def _axis_label(axis: Axis, rig: RigParameters) -> str:
 
 def _place_text(axis: Axis, value: float, rig: RigParameters) -> str:
     """Return a value of an axis for a legend, with symbol and unit."""
-    return f'{_symbol(axis.varied[0].name)} = {axis.shown(value, rig)}'
+    return f'{_symbol(axis.varied[0].name)} = {axis.value_text(value, rig)}'
 
 
 def _scale_axis(drawn: Any, axis: Axis) -> None:

@@ -22,7 +22,7 @@ from impact_damper_ros.parameters.gap_control_parameters import (
     GapControlParameters,
 )
 from impact_damper_ros.parameters.parameter_spec import ParameterError, ParameterSpec
-from impact_damper_ros.parameters.quoting import named, plural, shown, similar_names
+from impact_damper_ros.parameters.quoting import as_name, plural, quote, similar_names
 from impact_damper_ros.parameters.rig_parameters import (
     INITIAL_SPECS,
     InitialConditions,
@@ -97,7 +97,7 @@ def _parts(text: str) -> tuple[str, int | None]:
     if name not in _SPECS:
         close = similar_names(name, _SPECS)
         hint = f'did you mean {close}?' if close else f'give one of {", ".join(_SPECS)}'
-        raise GridError(f'{shown(text)} is not a parameter of the rig: {hint}')
+        raise GridError(f'{quote(text)} is not a parameter of the rig: {hint}')
     if _SPECS[name].kind not in ('double', 'double_array', 'bool', 'integer'):
         raise GridError(f'{name} is a text and has no range: choose it with --set {name}=...')
     return name, int(match[2]) if match and match[2] else None
@@ -140,7 +140,7 @@ class Axis:
         """Return the unit in which values are shown; the rig says what those of a base are."""
         return self.unit or self.varied[0].si_unit(rig)
 
-    def shown(self, value: float, rig: RigParameters, digits: int = 5) -> str:
+    def value_text(self, value: float, rig: RigParameters, digits: int = 5) -> str:
         """Return a value in the unit of the axis."""
         if self.varied[0].spec.kind == 'bool':
             return ('no', 'yes')[int(value)]
@@ -193,11 +193,11 @@ def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Ax
         for value in values:
             if isinstance(value, bool) is not (kind == 'bool') or isinstance(value, str):
                 wanted = 'true and false' if kind == 'bool' else 'numbers'
-                raise GridError(f'{names}: {one} takes {wanted}, not {shown(value)}')
+                raise GridError(f'{names}: {one} takes {wanted}, not {quote(value)}')
             if kind == 'integer' and value != round(value):
-                raise GridError(f'{names}: {one} takes whole numbers, not {shown(value)}')
+                raise GridError(f'{names}: {one} takes whole numbers, not {quote(value)}')
             try:
-                one.spec.checked(value)
+                one.spec.check(value)
             except ParameterError as error:
                 raise GridError(f'{names}: {error}') from None
     # No negative zero
@@ -475,13 +475,13 @@ def _number(text: str, where: str, spec: ParameterSpec | None = None) -> float:
         number = float(text)
     except ValueError:
         if spec is None:
-            raise GridError(f'{where}: {shown(text)} is not a number') from None
+            raise GridError(f'{where}: {quote(text)} is not a number') from None
         try:
             number = spec.in_si(text)
         except ParameterError as error:
-            raise GridError(f'{where}: {shown(text)} is not a number: {error}') from None
+            raise GridError(f'{where}: {quote(text)} is not a number: {error}') from None
     if not math.isfinite(number):
-        raise GridError(f'{where}: {shown(text)} is not a finite number')
+        raise GridError(f'{where}: {quote(text)} is not a finite number')
     return number
 
 
@@ -547,9 +547,9 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
     """
     names, _, values = text.rpartition('=')
     if not names:
-        raise GridError(f'{shown(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
+        raise GridError(f'{quote(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
     specs = [_SPECS[_parts(name)[0]] for name in names.split('=')]
-    where, spec = named(text), specs[0] if specs[0].low is not None else None
+    where, spec = as_name(text), specs[0] if specs[0].low is not None else None
     if ':' not in values:
         listed = [part for part in values.strip().strip('[]').split(',') if part.strip()]
         return names, [_number(part, where, spec) for part in listed]

@@ -147,10 +147,10 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     most = settling.events - found.event_count
     begin = FlightStart.of(rig)
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
-    integrals, largest = begin.flights(rig, result.events).measured()
+    integrals, largest = begin.flights(rig, result.events).integrals()
     parameters = rig.parameters
     alone = Transmissibility.without_damper(parameters)
-    shaken = integrals.transmissibility.named() | alone.named('_without_damper')
+    shaken = integrals.transmissibility.by_name() | alone.by_name('_without_damper')
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)

@@ -58,7 +58,7 @@ def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
         found = {
             **asdict(optimum),
             'names': [axis.name for axis in grid.axes],
-            'at': [f'{axis.name} = {axis.shown(value, rig, 7)}' for axis, value in pairs],
+            'at': [f'{axis.name} = {axis.value_text(value, rig, 7)}' for axis, value in pairs],
         }
     return {
         'rigs': len(table),

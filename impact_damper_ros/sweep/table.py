@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.outputs import whole
-from impact_damper_ros.parameters.quoting import shown
+from impact_damper_ros.parameters.quoting import quote
 from impact_damper_ros.parameters.upgrades import FormatError
 
 from .grid import Grid
@@ -133,7 +133,7 @@ MEASURES: dict[str, SweepColumn] = {name: _BY_NAME[name] for name in _MEASURES.s
 def check_measure(measure: str) -> None:
     """Raise ValueError if there is no such measure."""
     if measure not in MEASURES:
-        raise ValueError(f'measure is {shown(measure)}: give one of {", ".join(MEASURES)}')
+        raise ValueError(f'measure is {quote(measure)}: give one of {", ".join(MEASURES)}')
 
 
 def complete_table(table: pd.DataFrame) -> pd.DataFrame:

@@ -108,7 +108,9 @@ class _Orbits:
         self.search(parameters, rhythm.stops, rhythm.cycles, simulate=True)
         return self.nearest(rhythm, _NEAR)
 
-    def reached(self, parameters: RigParameters, found: SettledMotion) -> PeriodicOrbit | None:
+    def settled_orbit(
+        self, parameters: RigParameters, found: SettledMotion
+    ) -> PeriodicOrbit | None:
         """Return the predicted motion into which a rig has settled, and keep it."""
         if found.rhythm is None:
             return None
@@ -158,14 +160,14 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
     orbits.search(parameters, stops, period, simulate=False)
     expected = None if measured is None else orbits.like(parameters, measured)
     ahead = run_ahead(Rig.restore(rig.snapshot(), rig.own_law, compiled=None))
-    reached = orbits.reached(parameters, ahead)
+    reached = orbits.settled_orbit(parameters, ahead)
     prediction = orbits.predict(expected, 'measured')
     if expected is None:
         prediction = orbits.predict(reached, 'run ahead', _why_none(ahead))
         prediction = replace(prediction, kind=ahead.kind.value)
     yield prediction
     for start in starting_rigs(parameters):
-        orbits.reached(parameters, run_ahead(start, _ELSEWHERE))
+        orbits.settled_orbit(parameters, run_ahead(start, _ELSEWHERE))
     yield replace(prediction, orbits=tuple(orbits.all), complete=True)
 
 

@@ -73,11 +73,11 @@ class GapBranch:
         ends = (gap, _FURTHER * gap) if self.bound == 'at least' else (gap / _FURTHER, gap)
         beyond = follow(best.orbit, 'gap', *ends, most_points=_MOST_POINTS)
         if ends[1] == gap:
-            beyond = beyond.reversed()
+            beyond = beyond.reverse()
         if best is self.branch.points[0]:
-            whole = self.branch.reversed().extended(beyond).reversed()
+            whole = self.branch.reverse().extend(beyond).reverse()
         else:
-            whole = self.branch.extended(beyond)
+            whole = self.branch.extend(beyond)
         return GapBranch(self.start, whole)
 
 

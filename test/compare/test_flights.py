@@ -75,20 +75,20 @@ def test_the_closed_form_is_the_motion_of_the_rig(name):
     assert base == pytest.approx(expected['base'], abs=1e-11 * size)
     assert base_velocity == pytest.approx(expected['base_velocity'], abs=1e-11 * speed)
     # All energy put in and taken out, to round-off
-    found, largest = flights.measured()
+    found, largest = flights.integrals()
     assert found.covered == pytest.approx(expected['time'].max(), rel=0.02)
     left = found.force + found.air - found.dashpot - found.friction - found.both
-    assert left == pytest.approx(flights.stored(), abs=1e-11 * found.dashpot)
+    assert left == pytest.approx(flights.stored_energy(), abs=1e-11 * found.dashpot)
     # Cut in the middle of flights, and sampled finely
     start, end = 0.311 * flights.rows['time'][-1], 0.731 * flights.rows['time'][-1]
     part = flights.cut(start, end)
     _, x, *_ = part.curve(2000.0 / (end - start))
-    swing = part.measured()[1]
+    swing = part.integrals()[1]
     assert np.abs(x).max() <= swing * (1.0 + 1e-12)
     assert np.abs(x).max() == pytest.approx(swing, rel=1e-3)
-    whole = sum(flights.cut(*ends).measured()[0].squares for ends in ((0, start), (end, 1e9)))
-    assert whole + part.measured()[0].squares == pytest.approx(found.squares, rel=1e-11)
-    assert largest == max(f.measured()[1] for f in (flights, part))
+    whole = sum(flights.cut(*ends).integrals()[0].squares for ends in ((0, start), (end, 1e9)))
+    assert whole + part.integrals()[0].squares == pytest.approx(found.squares, rel=1e-11)
+    assert largest == max(f.integrals()[1] for f in (flights, part))
 
 
 def test_the_stops_may_move():
@@ -136,7 +136,7 @@ def test_the_closed_form_on_a_moving_base():
     rig = OFF_RESONANCE.replace(force_amplitudes=0.0, damping=0.2, gap=1e6, **base)
     flights = replayed(rig, 200, AT_REST).flights
     cycle = math.tau / 1.3
-    found = flights.cut(900.0, 900.0 + 10.0 * cycle).measured()[0]
+    found = flights.cut(900.0, 900.0 + 10.0 * cycle).integrals()[0]
     pull = complex(rig.stiffness, 0.2 * 1.3)
     ratio = pull / (pull - rig.primary_mass * 1.3**2)
     power = 0.5 * 0.2 * (1.3 * 0.01 * abs(ratio - 1.0)) ** 2
@@ -249,7 +249,7 @@ def test_energies_under_moving_stops(tmp_path, speed):
     (stretch,) = json.loads(path.read_text(encoding='utf-8'))['stretches']
     balance, overall = stretch['energy'], stretch['overall']
     assert abs(balance['residual']) < 1e-13
-    found, largest = run_flights(Rig(parameters, control=timed), 15.0).measured()
+    found, largest = run_flights(Rig(parameters, control=timed), 15.0).integrals()
     assert (overall['x_max'], overall['force_work']) == pytest.approx(
         (largest, found.force), rel=1e-9
     )

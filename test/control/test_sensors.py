@@ -18,7 +18,7 @@ from impact_damper_ros.control.sensors import (
     sensor_noise,
 )
 from impact_damper_ros.control.state import Estimates, Measurement, damper_of
-from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.motion.kernels import has_numba
 
 #: Time, X, X', Y, Y', and the stops
 MOTION = (2.5, 1.0, -2.0, 0.75, 2.5, 2.0, -3.0)

@@ -117,6 +117,6 @@ def test_power_is_balanced():
     rig = Rig(study.RIG, control=control, compiled=None)
     rig.run(math.tau * 160.0)
     flights = run_flights(rig, math.tau * 200.0)
-    work = (flights.measured()[0].force - flights.stored()) / (math.tau * 40.0)
+    work = (flights.integrals()[0].force - flights.stored_energy()) / (math.tau * 40.0)
     assert run.impact_power + run.dashpot_power == pytest.approx(work, rel=1e-9)
     assert run.actuator_power > 0.5 * work

@@ -11,7 +11,7 @@ from impact_damper_ros.fit.measured_motion import (
     NO_OPTIONS,
     ReadingOptions,
     read_table_motion,
-    saturated,
+    saturation_of,
 )
 from impact_damper_ros.measured.impacts import read_impacts, spike_times
 from impact_damper_ros.measured.table import TableError
@@ -95,8 +95,8 @@ def test_saturated_samples_are_not_used(written):
     # A crest that is read with a coarse resolution is none
     coarse = np.round(MOTION, 1)
     assert (np.diff(np.flatnonzero(coarse == coarse.max())) == 1).any()
-    assert not saturated(coarse).any()
-    assert not saturated(MOTION).any()
+    assert not saturation_of(coarse).any()
+    assert not saturation_of(MOTION).any()
     data = read_table_motion(
         written(columns('t [s],v [m/s]', TIME, MOTION)), ReadingOptions(saturation=2.9)
     )

@@ -59,9 +59,9 @@ def test_wrong_impacts_are_replaced_by_those_of_the_engine(timed):
     # One is missing, one is false, and one is in a wrong place
     keep = np.ones(len(course), bool)
     keep[12] = False
-    wrong = course.kept(keep)
+    wrong = course.select(keep)
     middle = 0.5 * (wrong.time[20] + wrong.time[21])
-    wrong = wrong.inserted(
+    wrong = wrong.insert(
         20, np.array([[middle, 0.0, 0.0, 0.0]]), np.array([1]), [np.zeros(0), np.zeros(0)]
     )
     wrong.time[30] += 0.012
@@ -78,7 +78,7 @@ def test_what_the_data_contradict_is_not_changed():
     _, course, problem = truth(105)
     keep = np.ones(len(course), bool)
     keep[12] = False
-    wrong = course.kept(keep)
+    wrong = course.select(keep)
     shooting = problem(course)
     # M moves as if nothing had hit it between the two
     inside = (shooting.record.time > course.time[11]) & (shooting.record.time < course.time[13])

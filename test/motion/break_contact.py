@@ -17,8 +17,8 @@ from types import FunctionType
 
 import numpy as np
 
-from impact_damper_ros.motion.compiled import compiled_namespace, has_numba, rows_of
 from impact_damper_ros.motion.flight import begin_flight
+from impact_damper_ros.motion.kernels import compiled_namespace, has_numba, rows_of
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import Line, Oscillator, oscillators
 from impact_damper_ros.motion.state import Mode, Moving, RigConstants, Run, Wave

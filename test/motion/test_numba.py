@@ -1,5 +1,5 @@
 """
-Private parts of numba that `motion/compiled.py` stands on.
+Private parts of numba that `motion/kernels.py` stands on.
 
 A release that moves one of them fails here, by name, and not with whatever LLVM says of it. To try
 the next one: `pip install --pre numba`, this file, then the bounds in `NUMBA` and in setup.py.
@@ -10,7 +10,7 @@ import inspect
 import pytest
 from setup_file import setup_says
 
-from impact_damper_ros.motion import compiled
+from impact_damper_ros.motion import kernels
 
 pytest.importorskip('numba')
 
@@ -60,7 +60,7 @@ def test_attributes_of_what_is_compiled():
 
 def test_bounds_are_those_of_setup_py():
     (asked,) = (one for one in setup_says('install_requires') if one.startswith('numba'))
-    oldest, unknown = ('.'.join(map(str, release)) for release in compiled.NUMBA)
+    oldest, unknown = ('.'.join(map(str, release)) for release in kernels.NUMBA)
     assert asked == f'numba>={oldest},<{unknown}'
     installed = tuple(map(int, numba.__version__.split('.')[:2]))
-    assert compiled.NUMBA[0] <= installed < compiled.NUMBA[1]
+    assert kernels.NUMBA[0] <= installed < kernels.NUMBA[1]

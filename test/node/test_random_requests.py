@@ -119,7 +119,7 @@ def test_parameters_rig_and_events_agree_after_random_requests(start):
             assert len(rig.snapshots('change')) == snapshots
         for name, value in given.items():
             if accepted[name] and name in ALL_SPECS:
-                assert now[name] == plain(ALL_SPECS[name].checked(value)), given
+                assert now[name] == plain(ALL_SPECS[name].check(value)), given
                 taken += now[name] != before[name]
             elif (
                 not accepted[name] and ALL_SPECS.get(name, ALL_SPECS['gap']).kind != 'double_array'

@@ -500,7 +500,7 @@ def test_a_branch_that_closes_and_the_range_of_its_motions():
     folds = [point for point in branch.special if point.kind is SpecialKind.FOLD]
     low, high = sorted(point.value for point in folds)
     for point in folds:
-        assert point.orbit.distance(point.orbit.mirrored()) < 1e-4
+        assert point.orbit.distance(point.orbit.mirror_image()) < 1e-4
     span = branch.span(here, orbit)
     assert (span.low, span.high) == pytest.approx((low, high), rel=1e-12)
     assert (span.low_reason, span.high_reason) == ('fold', 'fold')

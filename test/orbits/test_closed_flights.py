@@ -42,7 +42,7 @@ from impact_damper_ros.orbits.periodic_problem import (
     Node,
     PeriodicProblem,
     impact_nodes,
-    numbers_of,
+    parameter_numbers,
 )
 from impact_damper_ros.orbits.solved_orbits import guess_on
 
@@ -95,7 +95,7 @@ PATTERNS = {
 
 
 def without_compiler(monkeypatch):
-    for place in ('orbits.periodic_problem', 'motion.compiled'):
+    for place in ('orbits.periodic_problem', 'motion.kernels'):
         monkeypatch.setattr(f'impact_damper_ros.{place}.has_numba', lambda: False)
 
 
@@ -157,7 +157,7 @@ def test_the_derivative_by_a_parameter(pattern, name):
         sides.append(equations_at(other)[0])
         numbers.append(other.rig)
     slope = (numbers[0] - numbers[1]) / (2.0 * step)
-    problem.set_path(numbers_of(RIG) - value * slope, slope)
+    problem.set_path(parameter_numbers(RIG) - value * slope, slope)
     problem.place[-1] = value
     add_parameter(problem.arrays)
     by_value = problem.matrix(DERIVATIVE)[:-1, -1]
@@ -177,7 +177,7 @@ def test_flights_are_those_of_the_simulator(pattern):
         at = machine_of(RIG), row[INSTANT], x, velocity, beyond, relative, resting, node.last
         flight = flight_at(*at)
         flight.run.mode = resting or node.mode
-        motion = flight.begun().motion(float(row[SPAN]))
+        motion = flight.begin().motion(float(row[SPAN]))
         travel = 0.0 if resting else motion.travel
         expected = [motion.x, motion.velocity, way + travel]
         expected.append(0.0 if resting else motion.relative_velocity)

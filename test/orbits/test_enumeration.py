@@ -162,11 +162,11 @@ def test_mirror_images_of_a_symmetric_rig():
     )
     one, other = (o for o in find_orbits(rig, (1, 2, 1, 2), 2).orbits if o.stable)
     assert one.distance(other) > 0.1
-    assert one.distance(other.mirrored()) < 1e-9
-    assert other.mirrored().mirrored().distance(other) < 1e-12
-    run = after_impact(one.mirrored(), rig)
+    assert one.distance(other.mirror_image()) < 1e-9
+    assert other.mirror_image().mirror_image().distance(other) < 1e-12
+    run = after_impact(one.mirror_image(), rig)
     hits = run.run(1.01 * one.period).impacts()
-    assert hits['x'][-1] == pytest.approx(one.mirrored().x[0], rel=1e-7)
+    assert hits['x'][-1] == pytest.approx(one.mirror_image().x[0], rel=1e-7)
 
 
 @pytest.mark.parametrize('stops', [(1, 2, 2, 1, 2, 2), (2, 1, 2, 2, 1, 2)])

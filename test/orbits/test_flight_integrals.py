@@ -29,7 +29,7 @@ RIGS = {
 def test_integrals_are_those_of_the_closed_form(rig):
     start = InitialConditions(initial_primary_position=0.001)
     flights = run_flights(Rig(rig, start, compiled=None), 40.0 * cycle_of(rig))
-    found, largest = flights.measured()
+    found, largest = flights.integrals()
     nodes, weights = np.polynomial.legendre.leggauss(60)
     count = np.ceil(flights.spans / cycle_of(rig)).astype(int)
     index = np.repeat(np.arange(len(flights)), count)

@@ -77,7 +77,7 @@ def test_turning_points_against_a_dense_look():
             (False, [m.x for m in motions]),
             (True, [m.travel for m in motions]),
         ):
-            low, high = extremes(flight.copy().begun().moving, duration, relative)
+            low, high = extremes(flight.copy().begin().moving, duration, relative)
             span = max(seen) - min(seen)
             assert -1e-12 * span <= high - max(seen) < 1e-4 * span
             assert -1e-12 * span <= min(seen) - low < 1e-4 * span

@@ -2,7 +2,7 @@
 
 from impact_damper_ros import Rig
 from impact_damper_ros.motion.event import table_of_events
-from impact_damper_ros.page.motion import ForcePhase, Motion, Stretch
+from impact_damper_ros.page.motion import ForcePhase, MotionHistory, Stretch
 from impact_damper_ros.replay.rows import samples_as_rows
 from impact_damper_ros.rig.snapshot import Snapshot
 
@@ -21,7 +21,7 @@ def motion_of(parameters, seconds, rate=RATE):
     for k in range(round(seconds * rate) + 1):
         events += rig.advance(k / rate)
         samples.append(rig.sample())
-    motion = Motion(100_000, 10_000)
+    motion = MotionHistory(100_000, 10_000)
     motion.add_samples(stretch.sample_rows(samples_as_rows(samples)))
     motion.add_impacts(stretch.impact_rows(table_of_events(events)))
     return motion

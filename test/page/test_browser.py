@@ -26,7 +26,7 @@ from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.page.knobs import ALL_SPECS
 from impact_damper_ros.page.presets import load_presets
-from impact_damper_ros.page.recorded import load_recording
+from impact_damper_ros.page.recorded_source import load_recording
 from page.browser import Browser
 from page.page_process import PageProcess
 

@@ -19,7 +19,7 @@ from playwright.sync_api import expect
 import impact_damper_ros
 from impact_damper_ros import Rig, RigParameters
 from impact_damper_ros.page import knobs
-from impact_damper_ros.page.motion import Motion, Stretch
+from impact_damper_ros.page.motion import MotionHistory, Stretch
 from impact_damper_ros.page.numbers import numbers_of
 from impact_damper_ros.page.presets import load_presets
 from impact_damper_ros.parameters.parameter_spec import ParameterError
@@ -221,7 +221,7 @@ def test_key_numbers_are_those_of_the_package(bare):
     rig = Rig(preset.rig, preset.initial, control=preset.control)
     run = rig.run(8.0, instants=np.arange(1, 1601) / 200)
     stretch = Stretch(0, 0, preset.rig, None)
-    motion = Motion(10_000, 10_000)
+    motion = MotionHistory(10_000, 10_000)
     motion.add_samples(stretch.sample_rows(run.samples))
     motion.add_impacts(stretch.impact_rows(run.events))
     found = bare.evaluate(

@@ -13,7 +13,7 @@ from impact_damper_ros.page.motion import (
     ACT_COLUMNS,
     IMPACT_COLUMNS,
     SAMPLE_COLUMNS,
-    Motion,
+    MotionHistory,
     between,
 )
 from impact_damper_ros.page.numbers import numbers_of
@@ -78,7 +78,7 @@ def test_columns_are_those_of_the_rig(motion):
 
 def test_an_impact_that_comes_late_is_sent(motion):
     """Its topic may be slower than that of the samples."""
-    late, view = Motion(10_000, 100), PageView(window=2.0)
+    late, view = MotionHistory(10_000, 100), PageView(window=2.0)
     late.add_samples(motion.samples[:1000])
     end = float(motion.samples[900, 0])
     view.frame(late, end, 0.0)
@@ -102,7 +102,7 @@ def test_a_jump_replaces_all(motion):
 
 def test_what_is_measured_and_commanded_is_sent_and_scored(motion):
     """Late measurements too; the energy of a reset rig counts from 0 again."""
-    known, view = Motion(10_000, 10_000), PageView(window=20.0)
+    known, view = MotionHistory(10_000, 10_000), PageView(window=20.0)
     known.add_samples(motion.samples)
     seen = np.column_stack([np.arange(0.0, 12.0, 0.1)] * 3)
     acts = np.zeros((12, len(ACT_COLUMNS)))
@@ -150,7 +150,7 @@ def test_flags_alone_are_news(motion):
 def test_a_ghost_that_comes_to_be_known(motion, other):
     """Each of its rows comes once, as far as it is known, while nothing else moves."""
     alone = taken_apart(PageView(window=5.0).frame(other, 9.0, 0.0))
-    ghost, view, frames = Motion(10_000, 10_000), PageView(window=5.0), []
+    ghost, view, frames = MotionHistory(10_000, 10_000), PageView(window=5.0), []
     view.frame(motion, 9.0, 0.0)
     for until in (2.0, 5.5, 7.3, 8.95, 12.0):
         frames += frames_of(motion, view, [9.0], ghost)
@@ -174,7 +174,7 @@ def test_a_ghost_that_comes_to_be_known(motion, other):
 @pytest.mark.parametrize('window', [1e9, -1.0, 0.0])
 def test_no_view_is_without_bounds(window):
     assert 0.05 <= PageView(window).window <= 300.0
-    motion = Motion(100_000, 10)
+    motion = MotionHistory(100_000, 10)
     rows = np.zeros((100_000, len(SAMPLE_COLUMNS)))
     rows[:, 0] = np.arange(100_000) / 1000.0
     motion.add_samples(rows)
@@ -182,7 +182,7 @@ def test_no_view_is_without_bounds(window):
 
 
 def test_a_motion_keeps_the_newest_rows_and_leaves_out_what_is_none():
-    motion, width = Motion(1000, 10), len(SAMPLE_COLUMNS)
+    motion, width = MotionHistory(1000, 10), len(SAMPLE_COLUMNS)
     for k in range(300):
         rows = np.zeros((37, width))
         rows[:, 0] = 37 * k + np.arange(37)
@@ -195,7 +195,7 @@ def test_a_motion_keeps_the_newest_rows_and_leaves_out_what_is_none():
         assert (np.diff(motion.samples[:, 0]) == 1.0).all()
         assert len(motion.samples) == 1000
         assert motion.end == rows[-1, 0]
-    motion = Motion(10, 10)
+    motion = MotionHistory(10, 10)
     assert math.isnan(motion.end)
     rows = np.zeros((6, width))
     rows[:, 0] = 1.0, 2.0, 2.0, 1.5, 3.0, 4.0
@@ -263,4 +263,4 @@ def test_numbers(motion):
     assert numbers_of(free, motion, 12.0)['impacts_per_cycle'] == len(hits) / 20
     undamped = LIVELY.replace(damping=0.0, force_frequencies=(LIVELY.omega,))
     assert numbers_of(undamped, motion, 1.0)['static_amplitude'] is None
-    assert 'impacts_per_cycle' not in numbers_of(LIVELY, Motion(10, 10), math.nan)
+    assert 'impacts_per_cycle' not in numbers_of(LIVELY, MotionHistory(10, 10), math.nan)

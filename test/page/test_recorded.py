@@ -19,7 +19,7 @@ from impact_damper_ros import EventKind, Rig, load_parameters
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.page.recorded import load_recording
+from impact_damper_ros.page.recorded_source import load_recording
 from impact_damper_ros.page.recordings import Recordings
 from impact_damper_ros.parameters.parameters_file import presets
 

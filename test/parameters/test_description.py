@@ -8,7 +8,7 @@ from rigs import BENCH
 from impact_damper_ros import RigParameters, load_parameters
 from impact_damper_ros.parameters.description import describe_rig, frequency_hint
 from impact_damper_ros.parameters.parameters_file import presets
-from impact_damper_ros.parameters.quoting import printable, shown
+from impact_damper_ros.parameters.quoting import printable, quote
 
 
 def test_line_in_hertz_and_shares():
@@ -104,12 +104,12 @@ def test_no_hint_at_the_presets():
     ],
 )
 def test_values_in_messages(value, text):
-    assert shown(value) == text
+    assert quote(value) == text
 
 
 @pytest.mark.parametrize('value', ['x' * 10**6, ['y'] * 10**5, {'a': 'z' * 300}, b'b' * 10**5])
 def test_long_values_are_cut(value):
-    text = shown(value)
+    text = quote(value)
     assert len(text) < 120
     assert 'characters' in text
     assert text[:4] == repr(value)[:4]
@@ -122,7 +122,7 @@ def test_printable_keeps_lines():
 
 
 def test_a_number_of_more_digits_than_python_writes():
-    assert shown(10**5000) == 'int of too many digits'
+    assert quote(10**5000) == 'int of too many digits'
 
 
 def test_a_frequency_of_the_base_in_hertz():

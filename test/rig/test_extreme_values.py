@@ -15,7 +15,7 @@ from impact_damper_ros import (
     RigParameters,
     load_parameters,
 )
-from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS, PARAMETER_SPECS
 

@@ -51,7 +51,7 @@ def test_however_it_is_run(kind, seed):
     whole = rig_of(kind, seed)
     whole.compiled = False
     pieces, plain, compiled = (through_json(whole) for _ in range(3))
-    compiled.compiled = find_spec('numba') is not None
+    compiled.compiled_kernel = find_spec('numba') is not None
     for _ in range(5):
         begun, end = whole.time, whole.time + rng.choice([0.0, 0.31, rng.expovariate(0.7)])
         events, acts = whole.advance(end), whole.acts

@@ -18,7 +18,7 @@ from impact_damper_ros import (
     RunawayError,
     load_parameters,
 )
-from impact_damper_ros.motion.compiled import has_numba
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD
 from rig.endless_rigs import ENDLESS, RUNAWAY
 

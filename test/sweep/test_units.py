@@ -40,7 +40,7 @@ def test_units_go_with_the_inputs():
     (axis,) = again.axes
     assert axis.unit == 'Hz'
     assert axis.values == pytest.approx((18.0 * math.pi, 22.0 * math.pi))
-    assert axis.shown(axis.values[0], WIDE) == '9 Hz'
+    assert axis.value_text(axis.values[0], WIDE) == '9 Hz'
 
 
 def test_the_unit_of_a_base_is_its_quantity():

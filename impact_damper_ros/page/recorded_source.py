@@ -28,7 +28,7 @@ from impact_damper_ros.theory.documents import answers
 
 from .frames import PAUSED, PageView
 from .knobs import as_json, knobs_of, read_values
-from .motion import MOST_IMPACTS, MOST_SAMPLES, ForcePhase, Motion, Stretch, measured_rows
+from .motion import MOST_IMPACTS, MOST_SAMPLES, ForcePhase, MotionHistory, Stretch, measured_rows
 from .numbers import numbers_of
 from .presets import change_between, preset_with
 from .requests import RequestError
@@ -62,7 +62,7 @@ class RecordedSetting(NamedTuple):
 class Recording:
     """A recording."""
 
-    motion: Motion  # the whole one
+    motion: MotionHistory  # the whole one
     #: Changes and resets: time, kind, new values, and the preset that the rig then matches
     changes: list[dict[str, Any]]
     remark: str  # what is missing; empty if nothing is
@@ -89,7 +89,7 @@ def load_recording(path: Path) -> Recording:
     run = RecordedRun(path, purpose='play')
     # Surplus samples are dropped at the end.
     count = run.reader.topics[run.topics.joint_states, JOINT_STATE].message_count
-    motion = Motion(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
+    motion = MotionHistory(max(1, min(count, 2 * MOST_SAMPLES)), MOST_IMPACTS)
     changes: list[dict[str, Any]] = []
     packed: list[bytes] = []
     before: dict[str, Any] = {}

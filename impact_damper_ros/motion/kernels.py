@@ -142,18 +142,18 @@ def _copier_of(cls: Any) -> Callable[[Any], Any]:
     return copier
 
 
-def copied(state: Any) -> Any:
+def copy_of(state: Any) -> Any:
     """Return another object with the numbers of a state."""
     cls: Any = type(state)
     return _copier_of(cls)(state)
 
 
-def packed(state: Any) -> Any:
+def pack(state: Any) -> Any:
     """Return a copy of constants or of a state as a record."""
-    return packed_rows([state], type(state))[0]
+    return pack_rows([state], type(state))[0]
 
 
-def packed_rows(rows: Sequence[Any], cls: Any) -> Any:
+def pack_rows(rows: Sequence[Any], cls: Any) -> Any:
     """Return copies of objects of a class as an array of records."""
     return np.array(list(map(reader_of(cls), rows)), dtype_of(cls))
 
@@ -490,7 +490,9 @@ def _load_kept(name: str, path: Path, log: logging.Logger) -> Any:
         return None
 
 
-def compiled(name: str, arguments: Sequence[Any], what: str = 'simulator', form: str = '') -> Any:
+def compiled_kernel(
+    name: str, arguments: Sequence[Any], what: str = 'simulator', form: str = ''
+) -> Any:
     """
     Return a kernel compiled for arguments, which have the same types in all calls of one form.
 
@@ -533,7 +535,7 @@ def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
     if not has_numba():
         with np.errstate(all='ignore'):
             return function(*arguments)
-    return compiled(function.__name__, arguments, what)(*arguments)
+    return compiled_kernel(function.__name__, arguments, what)(*arguments)
 
 
 def on_threads(run: Callable[[T], object], parts: Sequence[T], threads: int | None = None) -> None:

@@ -22,7 +22,7 @@ import impact_damper_ros.rig.loop as loop_module
 import impact_damper_ros.rig.rig as rig_module
 import impact_damper_ros.rig.run_result as run_result
 from impact_damper_ros import Rig, find_orbits
-from impact_damper_ros.motion import compiled
+from impact_damper_ros.motion import kernels
 from impact_damper_ros.motion.flight import motion_at
 from impact_damper_ros.motion.kept_kernels import MachineCode
 
@@ -31,12 +31,12 @@ ROOT = Path(__file__).parents[2]
 
 def test_names_are_unique():
     with pytest.raises(ValueError, match='two kernels named motion_at'):
-        compiled.kernel(motion_at)
+        kernels.kernel(motion_at)
 
 
 def test_kernels_raise_nothing_to_a_constant_power():
     """Compiled, that is a product; otherwise it is libm's `pow`, which may differ from it."""
-    for name, function in compiled._KERNELS.items():
+    for name, function in kernels._KERNELS.items():
         code = ast.parse(textwrap.dedent(inspect.getsource(function)))
         powers = [
             node.right
@@ -55,13 +55,13 @@ def test_kernels_are_kept_where_they_may_be(tmp_path, monkeypatch):
     monkeypatch.setenv('HOME', str(blocked))
     monkeypatch.setenv('XDG_CACHE_HOME', str(blocked))
     monkeypatch.delenv('NUMBA_CACHE_DIR', raising=False)
-    find = compiled.directory.__wrapped__
+    find = kernels.directory.__wrapped__
     assert find() is None
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
     place = find()
     assert place.parent == tmp_path / 'cache' / 'impact_damper_ros'
     assert find() == place
-    monkeypatch.setattr(compiled, '_digest', lambda: 'other sources')
+    monkeypatch.setattr(kernels, '_digest', lambda: 'other sources')
     assert find() != place
 
 
@@ -69,8 +69,8 @@ def test_digest_depends_on_what_kernels_do(monkeypatch):
     def digest_with(text, **names):
         space = {'copysign': math.copysign, 'LIMIT': 3.0, **names}
         exec(text, space)
-        monkeypatch.setattr(compiled, '_KERNELS', {'turned': space['turned']})
-        return compiled._digest()
+        monkeypatch.setattr(kernels, '_KERNELS', {'turned': space['turned']})
+        return kernels._digest()
 
     pytest.importorskip('numba')
     text = 'def turned(x):\n    """Turn."""\n    return copysign(x, LIMIT) + 1.0\n'
@@ -89,7 +89,7 @@ def test_kept_kernels_share_no_names():
     pytest.importorskip('numba')
     Rig(HORIZONTAL, compiled=True).run(9.0)
     find_orbits(HORIZONTAL, (1, 2), simulate=False)
-    kept = [MachineCode.read(file).code for file in compiled.directory().iterdir()]
+    kept = [MachineCode.read(file).code for file in kernels.directory().iterdir()]
     names = [set(re.findall(rb'_ZN17impact_damper_ros[\w.$]+', code)) for code in kept]
     assert len(kept) > 1
     assert all(names)
@@ -138,11 +138,11 @@ def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypat
     def write(*_):
         raise OSError(errno.EFBIG, 'File too large')
 
-    monkeypatch.setattr(compiled, '_compile', lambda *_: (lambda number: number + 1, code))
-    monkeypatch.setattr(compiled, '_ENTRIES', {})
+    monkeypatch.setattr(kernels, '_compile', lambda *_: (lambda number: number + 1, code))
+    monkeypatch.setattr(kernels, '_ENTRIES', {})
     monkeypatch.setattr(MachineCode, 'write', write)
     code = MachineCode(b'', '', '', ())
-    assert compiled.compiled('loop', (5,))(5) == 6
+    assert kernels.compiled_kernel('loop', (5,))(5) == 6
     assert 'cannot be kept (File too large)' in caplog.text
 
 
@@ -158,12 +158,12 @@ def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypat
 def test_what_runs_on_without_a_compiler_says_so(installed, words, monkeypatch, caplog):
     def version(_name):
         if installed is None:
-            raise compiled.PackageNotFoundError
+            raise kernels.PackageNotFoundError
         return installed
 
-    monkeypatch.setattr(compiled, 'version', version)
-    monkeypatch.setattr(compiled, '_PATIENCE_S', 0.0)
-    assert compiled.has_numba.__wrapped__() == (not words)
+    monkeypatch.setattr(kernels, 'version', version)
+    monkeypatch.setattr(kernels, '_PATIENCE_S', 0.0)
+    assert kernels.has_numba.__wrapped__() == (not words)
     if words:
         until(lambda: caplog.records)
         assert caplog.records[0].message.startswith(f'{words}: long runs take')
@@ -175,11 +175,11 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(
 ):
     """Elsewhere, a process compiles what this one then loads."""
     pytest.importorskip('numba')
-    monkeypatch.setattr(compiled, '_ELSEWHERE', threading.Event())
+    monkeypatch.setattr(kernels, '_ELSEWHERE', threading.Event())
     if elsewhere:
-        compiled.compile_elsewhere()
-        monkeypatch.setattr(compiled, '_compile', None)
-    monkeypatch.setattr(compiled, 'directory', lambda: tmp_path)
+        kernels.compile_elsewhere()
+        monkeypatch.setattr(kernels, '_compile', None)
+    monkeypatch.setattr(kernels, 'directory', lambda: tmp_path)
     arguments = (1.0, 2.0, 0.0, 0.5)
     fine = ['compiling the simulator']
     damaged = [f'the compiled code kept in {tmp_path}/chatter_duration-', *fine]
@@ -194,9 +194,9 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(
     ):
         for kept in tmp_path.iterdir() if damage else ():
             kept.write_bytes(damage(kept.read_bytes()))
-        monkeypatch.setattr(compiled, '_ENTRIES', {})
-        monkeypatch.setattr(compiled, '_REPORTED', set())
-        assert compiled.compiled('chatter_duration', arguments)(*arguments) == 2.0
+        monkeypatch.setattr(kernels, '_ENTRIES', {})
+        monkeypatch.setattr(kernels, '_REPORTED', set())
+        assert kernels.compiled_kernel('chatter_duration', arguments)(*arguments) == 2.0
         said = [record.message for record in caplog.records]
         assert len(said) == len(notices)
         assert all(map(str.startswith, said, notices))
@@ -205,7 +205,7 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(
 
 
 def test_another_kind_of_argument_is_other_code():
-    kind = compiled._kind
+    kind = kernels._kind
     array = np.zeros((2, 3))
     for other in (array[:, ::2], array.T, array[0], array.astype('f4'), array.tolist(), 1, None):
         assert kind(other) != kind(array)
@@ -282,7 +282,7 @@ def test_ctrl_c_as_compiled_code_returns(monkeypatch):
 
     run = Rig(HORIZONTAL, compiled=True)
     before = run.snapshot()
-    monkeypatch.setattr(loop_module, 'compiled', lambda *_, **__: interrupted)
+    monkeypatch.setattr(loop_module, 'compiled_kernel', lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.run(10.0)
     assert run.snapshot() == before

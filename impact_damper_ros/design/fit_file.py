@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from impact_damper_ros.measured.formats import content_of
-from impact_damper_ros.parameters.quoting import named
+from impact_damper_ros.parameters.quoting import as_name
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS
 
 #: Parameters on which the best gap depends, and which a fit leaves uncertain.
@@ -67,7 +67,7 @@ def load_fitted(path: Path) -> FittedRig:
     # Whatever a file holds that is none
     except Exception as error:
         raise ValueError(
-            f'{path}: is not the result of a fit ({named(error)}): give JSON as fit_rig --json '
+            f'{path}: is not the result of a fit ({as_name(error)}): give JSON as fit_rig --json '
             'writes it, with "parameters", of which each has a "value" and an "interval"'
         ) from error
     if not ranges:
