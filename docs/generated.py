@@ -7,7 +7,7 @@ It writes these parts as Markdown that GitHub shows, with `--figures` those of t
 test compares the texts.
 """
 
-import ast
+import html
 import inspect
 import json
 import os
@@ -115,11 +115,9 @@ def commands(page: str) -> str:
 
 def glossary(page: str) -> str:
     """Return the glossary with the words of the page in the browser and their sentences."""
-    path = ROOT / 'impact_damper_ros' / 'page' / 'static' / 'glossary.js'
-    # The object is a Python literal, too.
-    literal = re.search(r'TERMS = (\{.*?\n\});', path.read_text(encoding='utf-8'), re.DOTALL)
-    assert literal is not None
-    terms = sorted(ast.literal_eval(literal[1]).values(), key=lambda term: term[0].lower())
+    path = ROOT / 'impact_damper_ros' / 'page' / 'static' / 'index.html'
+    entry = r'<dt id="term-[\w-]+">(.*)</dt><dd>(.*)</dd>'
+    terms = re.findall(entry, html.unescape(path.read_text(encoding='utf-8')))
     words = '\n'.join(f'- **{term}**: {sentence}' for term, sentence in terms)
     return re.sub(r'^- \*\*.*\Z', f'{words}\n'.replace('\\', r'\\'), page, flags=re.M | re.S)
 

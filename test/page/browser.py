@@ -101,7 +101,10 @@ class Page:
 
     def drawn(self):
         """Wait until all that has changed is drawn, by the pictures of a whole turn."""
-        self.run('new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))')
+        self.run("""(() => { globalThis.isDrawn = false;
+            const drawn = () => { globalThis.isDrawn = true; };
+            requestAnimationFrame(() => requestAnimationFrame(drawn)); })()""")
+        self.wait('isDrawn')
 
     def described(self):
         """Return what a failed test should say of the page."""

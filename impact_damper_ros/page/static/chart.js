@@ -3,7 +3,7 @@
 
 import { element } from './dom.js';
 import { capital, digits, minus, niceAbove, ticks } from './format.js';
-import { term, TERMS } from './glossary.js';
+import { entry, term } from './glossary.js';
 
 const NAMES = [
   'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
@@ -105,13 +105,13 @@ export class Canvas {
 }
 
 /**
- * Append a small panel for a plot: its heading, a text or a key of the glossary, a line of words, and the canvas with
- * a description; return the last two.
+ * Append a small panel for a plot: its heading, an entry of the glossary, a line of words, and the canvas with a
+ * description; return the last two.
  */
 export function plotPanel(root, id, about, label, attributes = {}) {
   const line = element('p', { class: 'line', id: `${id}-line` });
   const canvas = element('canvas', { id: `${id}-canvas`, role: 'img', 'aria-label': label, ...attributes });
-  const heading = element('h2', { id: `${id}-title` }, TERMS[about] ? term(about, capital(TERMS[about][0])) : about);
+  const heading = element('h2', { id: `${id}-title` }, term(about, capital(entry(about)[0])));
   root.append(element('section', { class: 'panel small', id, 'aria-labelledby': `${id}-title` }, element('div', { class: 'head' }, heading, line), element('div', { class: 'chart' }, canvas)));
   return { line, canvas };
 }

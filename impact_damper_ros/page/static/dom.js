@@ -27,6 +27,9 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
+/** Return a copy of what a template holds. */
+export const copyOf = (id) => byId(id).content.firstElementChild.cloneNode(true);
+
 /** Set the text of an element if it is another one, so that nothing is laid out in vain. */
 export function write(target, text) {
   if (target.textContent !== text) target.textContent = text;

@@ -1,27 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 // What moves the stops: the controller's last command, its score, and faults to try it under.
 
-import { byId, element, mark, write } from '../dom.js';
+import { all, byId, element, mark, write } from '../dom.js';
 import { digits, withUnit } from '../format.js';
 
-/** @type {[string, string, (value: number) => string][]} */
-const SCORE = [
-  ['x_rms', 'rms X', (value) => withUnit(value, 'm')],
-  ['x_max', 'largest |X|', (value) => withUnit(value, 'm')],
-  ['impacts', 'impacts', (value) => digits(value, 3)],
-  ['actuator_energy', 'stop energy', (value) => withUnit(value, 'J')],
-];
+/** @type {Record<string, (value: number) => string>} */
+const SCORE = {
+  x_rms: (value) => withUnit(value, 'm'),
+  x_max: (value) => withUnit(value, 'm'),
+  impacts: (value) => digits(value, 3),
+  actuator_energy: (value) => withUnit(value, 'J'),
+};
 const FAULTS = [['sensor_fault', 'Sensors'], ['actuator_fault', 'Stops']];
 
 class Controller {
   /** `turn` sets parameters. */
   constructor(turn) {
     this.turn = turn;
-    this.score = SCORE.map(([, name]) => {
-      const value = element('dd', { text: '–' });
-      byId('score').append(element('div', {}, element('dt', { text: name }), value));
-      return value;
-    });
   }
 
   /** Make a switch for each fault of a rig. */
@@ -56,7 +51,7 @@ class Controller {
   /** Show what has been achieved in the last minute. */
   numbers({ score = null }) {
     write(byId('score-title'), score ? `Last ${digits(score.seconds, 2)} s` : 'Last minute');
-    SCORE.forEach(([key, , format], n) => write(this.score[n], score ? format(score[key]) : '–'));
+    for (const place of all('[data-score]')) write(place, score ? SCORE[place.dataset.score](score[place.dataset.score]) : '–');
   }
 }
 

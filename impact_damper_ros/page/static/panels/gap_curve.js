@@ -4,7 +4,7 @@
 import { Axes, circle, colours, dashes, font, plain, plotPanel, strokeLines, within } from '../chart.js';
 import { mark, write } from '../dom.js';
 import { digits, lengthUnit, niceAbove, withUnit } from '../format.js';
-import { TERMS } from '../glossary.js';
+import { entry } from '../glossary.js';
 
 /** Entries of the glossary that spell special points out. */
 const MARKS = { fold: 'fold', 'period doubling': 'doubling', 'Neimark-Sacker': 'neimark-sacker', 'branch point': 'branch-point', grazing: 'grazing' };
@@ -31,14 +31,13 @@ class GapCurve extends Axes {
       const gap = this.plan.fromX(event.clientX - canvas.getBoundingClientRect().left);
       return gap >= this.low && gap <= this.high ? gap || null : null;
     };
-    canvas.addEventListener('pointermove', (event) => {
-      this.aim = pointed(event);
-      this.stale = true;
-    });
-    canvas.addEventListener('pointerleave', () => {
-      this.aim = null;
-      this.stale = true;
-    });
+    for (const kind of ['pointermove', 'pointerleave']) {
+      canvas.addEventListener(kind, (event) => {
+        this.aim = kind === 'pointermove' ? pointed(event) : null;
+        this.visited = -1;
+        this.stale = true;
+      });
+    }
     canvas.addEventListener('click', (event) => {
       const gap = pointed(event);
       if (gap > 0 && this.store.steers) setGap(Number(gap.toPrecision(4)));
@@ -72,19 +71,25 @@ class GapCurve extends Axes {
 
   /** A special point in words. */
   named([, , { kind, gap, x_max_ratio: ratio }]) {
-    const [name, sentence] = TERMS[MARKS[kind]] ?? [kind, ''];
+    const [name, sentence] = kind in MARKS ? entry(MARKS[kind]) : [kind, ''];
     return `${name} at ${withUnit(gap, 'm')}, Xmax/A ${digits(ratio, 3)}. ${sentence}`;
   }
 
   /** Go to the next or the last special point by the keyboard, and name it. */
   visit(step) {
-    if (!this.places.length) return;
-    const sorted = [...this.places].sort(([one], [other]) => one - other);
-    this.visited = (this.visited + step + sorted.length) % sorted.length;
-    this.pointer = /** @type {[number, number]} */ (sorted[this.visited].slice(0, 2));
+    const { length } = this.places;
+    if (!length) return;
+    this.visited = (Math.max(this.visited, step > 0 ? -1 : 0) + step + length) % length;
+    this.point();
+  }
+
+  /** Point at the special point gone to, wherever it is by now. */
+  point() {
+    const place = this.places[this.visited];
+    if (!place) return;
+    this.pointer = /** @type {[number, number]} */ (place.slice(0, 2));
     this.readOut();
     mark(this.canvas, 'aria-description', this.line.textContent);
-    this.stale = true;
   }
 
   /** Where the rig is: its gap, and how far M moves. */
@@ -177,7 +182,8 @@ class GapCurve extends Axes {
 
   /** Special points as rings; the pointer names them. */
   specials(context, specials, toX, toY) {
-    this.places = specials.map((special) => /** @type {[number, number, any]} */ ([toX(special.gap), toY(special.x_max_ratio), special]));
+    this.places = specials.map((special) => /** @type {[number, number, any]} */ ([toX(special.gap), toY(special.x_max_ratio), special])).sort(([one], [other]) => one - other);
+    this.point();
     Object.assign(context, { strokeStyle: colours.special, fillStyle: colours.page, lineWidth: 1.6 });
     for (const [a, b] of this.places) {
       circle(context, a, b, 3.6);

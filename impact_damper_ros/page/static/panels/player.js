@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Playing a recording: scrub, speed, jumps, and what would have been with other parameters.
 
-import { byId, element, write } from '../dom.js';
+import { all, byId, write } from '../dom.js';
 import { clock } from '../format.js';
 import { Canvas, colours } from '../chart.js';
-
-const SPEEDS = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
-const JUMPS = [['sample', 'sample'], ['impact', 'impact'], ['change', 'change'], ['stretch', 'stretch']];
 
 export class Player {
   constructor(store, actions) {
@@ -24,8 +21,6 @@ export class Player {
     /** Where a recording stood when the connection was lost; null if it was not. */
     this.left = null;
     const speeds = byId('speed');
-    for (const speed of SPEEDS) speeds.append(element('option', { value: String(speed), text: `${speed}×` }));
-    speeds.value = '1';
     speeds.addEventListener('change', () => {
       this.speed = Number(speeds.value);
       if (this.playing) this.play(true);
@@ -44,15 +39,7 @@ export class Player {
       this.seek(Number(scrub.value));
       this.scrubbing = false;
     });
-    for (const [to, name] of JUMPS) {
-      byId('jumps').append(element(
-        'span',
-        { class: 'jump' },
-        element('button', { type: 'button', text: '‹', 'aria-label': `Back to the ${name} before`, onclick: () => this.jump(to, -1) }),
-        element('span', { text: name }),
-        element('button', { type: 'button', text: '›', 'aria-label': `On to the next ${name}`, onclick: () => this.jump(to, 1) }),
-      ));
-    }
+    for (const button of all('.jump button')) button.addEventListener('click', () => this.jump(button.dataset.jump, Number(button.value)));
     this.canvas = new Canvas(byId('marks'));
   }
 

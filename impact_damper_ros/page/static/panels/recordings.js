@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The recordings: play, download, compare with theory.
 
-import { byId, element, mark, toast, write } from '../dom.js';
+import { byId, copyOf, mark, toast, write } from '../dom.js';
 import { bytes, clock } from '../format.js';
 
 /** Day and time of a recording; a simulated run begins at zero and has none. */
@@ -46,22 +46,18 @@ class Recordings {
   }
 
   made(name) {
-    return element(
-      'div',
-      { class: 'recording', 'data-name': name },
-      element('div', {}, element('strong'), element('p', { class: 'quiet' })),
-      element('div', { class: 'buttons' },
-        element('button', { type: 'button', class: 'primary', text: 'Play', 'aria-label': `Play ${name}`, onclick: () => {
-          byId('recordings').close();
-          this.play(name);
-        } }),
-        element('a', {
-          class: 'button', href: `/recordings/${encodeURIComponent(name)}/download`, download: '', text: 'Download', 'aria-label': `Download ${name}`,
-        }),
-        element('button', {
-          type: 'button', 'data-compare': '', 'data-steers': '', 'aria-label': `Compare ${name} with theory`, onclick: () => this.compare(name),
-        })),
-    );
+    const row = copyOf('recording');
+    const [play, download, compare] = row.querySelectorAll('.buttons > *');
+    row.dataset.name = name;
+    download.href = `/recordings/${encodeURIComponent(name)}/download`;
+    mark(play, 'aria-label', `Play ${name}`);
+    mark(download, 'aria-label', `Download ${name}`);
+    play.addEventListener('click', () => {
+      byId('recordings').close();
+      this.play(name);
+    });
+    compare.addEventListener('click', () => this.compare(name));
+    return row;
   }
 
   /** Compare a recording with theory, or cancel that. */

@@ -1,25 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // "My structure": what people know of theirs, its best gap, and what the damper leaves of the vibration.
 
-import { byId, element, write } from '../dom.js';
+import { all, byId, element, write } from '../dom.js';
 import { digits, withUnit } from '../format.js';
 
-/** What shakes the structure: a name, and the unit of its size if none is typed. */
-const SHAKEN = [
-  ['acceleration', 'Base, acceleration', 'g'],
-  ['displacement', 'Base, displacement', 'mm'],
-  ['force', 'Force', 'N'],
-  ['amplitude', 'Not known: it swings by', 'mm'],
-];
-/** Fields: name, label, what is in them first, unit if none is typed, and help. */
-const FIELDS = [
-  ['mass', 'Mass that moves', '5', 'kg', 'The modal mass M: that which has the energy of the whole structure at the speed of the place of the damper.'],
-  ['frequency', 'Natural frequency', '10', 'Hz', 'Of the structure without damper. The excitation has the same frequency.'],
-  ['damping', 'Damping ratio', '2', '%', 'ζ of the structure without damper.'],
-  ['size', 'Amplitude', '0.2', 'g', 'Of the excitation, in the unit shown or with its own.'],
-  ['mass_ratio', 'Mass of the damper', '5', '%', 'Of the mass that moves.'],
-  ['restitution', 'Restitution', '0.6', '', 'R of both stops: 0.5 to 0.7 for hard rubber, 0.8 to 0.95 for steel on steel.'],
-];
 const share = (value) => `${digits(100 * value, 3)} %`;
 
 class Structure {
@@ -28,23 +12,13 @@ class Structure {
     this.ask = ask;
     this.set = set;
     this.looking = /** @type {Promise<import('../messages.js').Answer> | null} */ (null);
-    this.inputs = {};
     const form = byId('structure-form');
-    const field = ([name, label, start, unit, help]) => {
-      const id = `structure-${name}`;
-      const input = element('input', { type: 'text', id, value: start, autocomplete: 'off', spellcheck: 'false', inputmode: 'decimal', 'aria-describedby': `${id}-unit ${id}-error` });
-      const error = element('p', { class: 'error', id: `${id}-error`, role: 'alert', hidden: true });
-      this.inputs[name] = { input, error };
-      return element('div', { class: 'field', title: help }, element('label', { for: id, text: label }), input, element('span', { class: 'unit', id: `${id}-unit`, text: unit }), error);
-    };
-    const rows = FIELDS.map(field);
-    this.shaken = element('select', { id: 'structure-shaken' }, ...SHAKEN.map(([value, text]) => element('option', { value, text })));
+    this.inputs = Object.fromEntries(all('input', form).map((input) => [input.name, { input, error: byId(`${input.id}-error`) }]));
+    this.shaken = byId('structure-shaken');
     this.shaken.addEventListener('change', () => {
-      write(byId('structure-size-unit'), SHAKEN.find(([value]) => value === this.shaken.value)[2]);
+      write(byId('structure-size-unit'), this.shaken.selectedOptions[0].dataset.unit);
       this.inputs.size.input.select();
     });
-    rows.splice(3, 0, element('div', { class: 'field' }, element('label', { for: 'structure-shaken', text: 'Shaken by' }), this.shaken));
-    form.append(...rows, element('div', { class: 'field done' }, element('button', { type: 'submit', class: 'primary', text: 'Set the rig' })));
     form.addEventListener('input', () => this.look());
     form.addEventListener('submit', (event) => {
       event.preventDefault();

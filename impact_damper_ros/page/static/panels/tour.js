@@ -20,21 +20,16 @@ export const mount = (root, store, actions) => {
     control ??= store.values.gap_control;
     actions.turn({ gap_control: 'timed' });
   };
-  /** Where each step is, what it says, and what there is to try. */
-  const steps = /** @type {[string, string, string, string, () => void][]} */ ([
-    ['#rig', 'The rig', 'A force F shakes the mass M on its spring. The loose mass m rattles in the gap and hits the two stops. Each impact takes energy out of the vibration.',
-      'Load the bench rig and reset', () => actions.loadPreset('bench')],
-    ['#traces', 'The motion', 'X is M (blue), Z is m (orange); the grey lines are the stops, which ride on M. Squares are impacts on stop 1, dots those on stop 2. Look closer with a shorter window.',
-      'Show the last second', () => store.setWindow(1)],
-    ['#first-knobs [data-name=gap]', 'Turn a knob', 'Change the gap and watch the rhythm. In a gap that is too wide, two impacts per cycle are no longer kept up. A labelled line in the traces shows what you did.',
-      'Widen the gap by a half', () => widen(1.5)],
-    ['#map', 'Regular or chaotic?', 'Every impact is a mark: force phase across, speed of m up. A few marks are a periodic motion, closed curves a quasi-periodic one, a cloud a chaotic one.',
-      'Narrow it again', () => widen(1 / 1.5)],
-    ['#curve', 'What theory says', 'Solid: stable periodic motions over the gap; dashed: unstable ones; dotted: ones that the rig cannot make. The dot is the rig. Click on the curve to set the gap. Multipliers within the unit circle mean stable.',
-      'Go to the best gap', optimum],
-    ['#first-knobs [data-name=gap_control]', 'Let the stops move', 'With gap control, the stops follow the vibration, at any force; the end of the tour sets it back to what it was.',
-      'Switch on timed control', timed],
-  ]);
+  const steps = byId('tour-steps').content.children;
+  /** What there is to try in each. */
+  const acts = [
+    () => actions.loadPreset('bench'),
+    () => store.setWindow(1),
+    () => widen(1.5),
+    () => widen(1 / 1.5),
+    optimum,
+    timed,
+  ];
   const recorded = ' Record a run, play it back, and compare it with the exact theory.';
   const card = byId('tour');
   let at = 0;
@@ -43,17 +38,17 @@ export const mount = (root, store, actions) => {
 
   const leave = () => marked?.classList.remove('toured');
   const show = () => {
-    const [selector, title, text, label] = steps[at];
+    const { dataset, children: [title, text] } = steps[at];
     const last = at === steps.length - 1;
     leave();
-    marked = document.querySelector(selector);
+    marked = document.querySelector(dataset.at);
     marked.classList.add('toured');
     // At once: the card is placed beside it. Below it there is room for the card on a phone.
     marked.scrollIntoView({ block: innerWidth < 640 ? 'start' : 'nearest' });
     byId('tour-count').textContent = `Step ${at + 1} of ${steps.length}`;
-    byId('tour-title').textContent = title;
-    byId('tour-text').textContent = text + (last && !store.isInPage ? recorded : '');
-    byId('tour-try').textContent = label;
+    byId('tour-title').textContent = title.textContent;
+    byId('tour-text').textContent = text.textContent + (last && !store.isInPage ? recorded : '');
+    byId('tour-try').textContent = dataset.try;
     byId('tour-back').disabled = at === 0;
     byId('tour-next').textContent = last ? 'Done' : 'Next';
     place();
@@ -89,7 +84,7 @@ export const mount = (root, store, actions) => {
     go(0);
     card.focus();
   });
-  byId('tour-try').addEventListener('click', () => steps[at][4]());
+  byId('tour-try').addEventListener('click', () => acts[at]());
   byId('tour-back').addEventListener('click', () => go(at - 1));
   byId('tour-next').addEventListener('click', () => go(at + 1));
   byId('tour-close').addEventListener('click', close);

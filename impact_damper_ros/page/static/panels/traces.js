@@ -2,23 +2,13 @@
 // Scrolling traces of X, Z and both stops, with impacts, turned knobs and theory.
 
 import { Axes, circle, colours, dashes, font, plain, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
-import { byId, element, mark, write } from '../dom.js';
+import { all, byId, mark, write } from '../dom.js';
 import { digits, lengthUnit, TAU } from '../format.js';
 import { drive } from '../words.js';
 
 const MOST_DOTS = 1200;
 /** Stops so many times farther away than anything moves are not in view. */
 const FAR = 20;
-const WINDOWS = [30, 10, 3, 1];
-/** Series: entry of the legend, what it is, and whether it is always there. */
-const LEGEND = {
-  x: ['X', 'Displacement of M from its static equilibrium', true],
-  z: ['Z', 'Displacement of m', true],
-  stop: ['stops', 'Places of the stops, which ride on M; here their distance, the gap', true],
-  ghost: ['what if', 'X and Z of the rig with other parameters', false],
-  measured: ['measured', 'X and Z as the sensors measure them', false],
-  commands: ['commands', 'Where the stops are to go, by command; below, the active force on M', false],
-};
 
 class Traces extends Axes {
   constructor(canvas, store) {
@@ -28,11 +18,7 @@ class Traces extends Axes {
     this.theory = store.theory;
     this.range = new SteadySpan();
     this.unit = lengthUnit(1);
-    this.legend = Object.fromEntries(Object.entries(LEGEND).map(([key, [name, title, always]]) => {
-      const value = element('dd', {});
-      byId('legend').append(element('div', { title, 'data-series': key, hidden: !always }, element('dt', { text: name }), value));
-      return [key, value];
-    }));
+    this.legend = Object.fromEntries(all('#legend div').map((one) => [one.dataset.series, one.lastElementChild]));
     for (const kind of ['pointermove', 'pointerleave']) canvas.addEventListener(kind, () => { this.stale = true; });
   }
 
@@ -239,13 +225,14 @@ class Traces extends Axes {
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
   const panel = new Traces(byId('plot-canvas'), store);
-  const buttons = WINDOWS.map((seconds) => element('button', {
-    type: 'button', value: String(seconds), text: `${seconds} s`, 'aria-pressed': 'false', onclick: () => {
-      store.setWindow(seconds);
-      store.keepView('window', String(seconds));
-    },
-  }));
-  byId('windows').append(...buttons);
+  const buttons = all('#windows button');
+  const windows = buttons.map((button) => Number(button.value));
+  for (const button of buttons) {
+    button.addEventListener('click', () => {
+      store.setWindow(Number(button.value));
+      store.keepView('window', button.value);
+    });
+  }
   const showWindow = () => {
     for (const button of buttons) mark(button, 'aria-pressed', String(Number(button.value) === store.history.window));
     actions.view();
@@ -256,7 +243,7 @@ export const mount = (root, store, actions) => {
     const frequency = drive(store.values).frequency / TAU;
     if (!(values.force_frequencies || values.base_frequencies) || !(frequency > 0) || store.address.view.window) return;
     // Some eight cycles of what shakes the rig, or more
-    const seconds = [...WINDOWS].reverse().find((one) => one >= 8 / frequency) ?? WINDOWS[0];
+    const seconds = windows.findLast((one) => one >= 8 / frequency) ?? windows[0];
     if (seconds !== store.history.window) store.setWindow(seconds);
   });
   const theory = byId('theory');

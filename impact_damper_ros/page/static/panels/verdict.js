@@ -1,22 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the rig does in words and numbers: verdict, measured and predicted Xmax/A, first numbers.
 
-import { byId, element, mark, overflowing, reducedMotion, toast, write } from '../dom.js';
+import { all, byId, mark, overflowing, reducedMotion, toast, write } from '../dom.js';
 import { digits, withUnit } from '../format.js';
-import { term } from '../glossary.js';
 import { verdictInWords } from '../words.js';
 
-/** @type {[string, string, string, (value: number, message: any) => string][]} */
-const NUMBERS = [
-  ['natural_frequency_hz', 'natural-frequency', 'natural freq.', (value) => withUnit(value, 'Hz')],
-  ['damping_ratio', 'damping-ratio', 'damping ζ', (value) => digits(value, 3)],
-  ['frequency_ratio', 'frequency-ratio', 'r = Ω/ω', (value) => digits(value, 4)],
-  ['static_amplitude', 'amplitude', 'amplitude A', (value) => withUnit(value, 'm')],
-  ['mass_ratio', 'mass-ratio', 'µ = m/M', (value) => digits(value, 3)],
-  ['gap_ratio', 'best-gap', 'gap / best gap', (value, { bound }) => about(digits(value, 3), bound)],
-  ['impacts_per_cycle', 'impacts-per-cycle', 'impacts / cycle', (value) => digits(value, 3)],
-  ['energy_per_cycle', 'energy', 'energy / cycle', (value) => withUnit(value, 'J')],
-];
+/** @type {Record<string, (value: number, message: any) => string>} */
+const NUMBERS = {
+  natural_frequency_hz: (value) => withUnit(value, 'Hz'),
+  damping_ratio: (value) => digits(value, 3),
+  frequency_ratio: (value) => digits(value, 4),
+  static_amplitude: (value) => withUnit(value, 'm'),
+  mass_ratio: (value) => digits(value, 3),
+  gap_ratio: (value, { bound }) => about(digits(value, 3), bound),
+  impacts_per_cycle: (value) => digits(value, 3),
+  energy_per_cycle: (value) => withUnit(value, 'J'),
+};
 /** A best gap beyond the curve: the sign of its ratio, and where it is. */
 const BEYOND = {
   'at least': ['≤', 'M moves least at the largest gap of the curve: the best gap is beyond'],
@@ -24,29 +23,11 @@ const BEYOND = {
 };
 const about = (text, bound) => (bound in BEYOND && text !== '–' ? `${BEYOND[bound][0]}\u202f${text}` : text);
 /** Numbers of a what-if, as `replay_run --set` prints them. */
-const TOTALS = [
-  ['largest |X|', 'x_max', (value) => withUnit(value, 'm', 4)],
-  ['rms X', 'x_rms', (value) => withUnit(value, 'm', 4)],
-  ['impacts', 'impacts', String],
-];
+const TOTALS = { x_max: (value) => withUnit(value, 'm', 4), x_rms: (value) => withUnit(value, 'm', 4), impacts: String };
+
 class Verdict {
   constructor() {
-    this.values = {};
-    const list = byId('numbers');
-    for (const [key, about, name] of NUMBERS) {
-      const value = element('dd', { text: '–' });
-      list.append(element('div', {}, element('dt', {}, term(about, name)), value));
-      this.values[key] = value;
-    }
-    const ratios = byId('ratios');
-    this.bars = {};
-    for (const [key, name] of [['measured', 'measured'], ['predicted', 'predicted']]) {
-      const value = element('dd', { text: '–' });
-      const bar = element('span', { class: `fill ${key}` });
-      ratios.append(element('div', {}, element('dt', { text: name }), element('dd', { class: 'gauge', 'aria-hidden': 'true' }, bar), value));
-      this.bars[key] = { value, bar };
-    }
-    ratios.before(element('p', { class: 'ratios-title' }, term('xmax-a', 'Xmax / A')));
+    this.values = Object.fromEntries(all('[data-number]').map((place) => [place.dataset.number, place]));
     const boxes = ['.verdict', '.words'].map((one) => document.querySelector(one));
     const looks = boxes.map(overflowing);
     this.goesOn = () => looks.forEach((look) => look());
@@ -76,24 +57,18 @@ class Verdict {
     this.line('theory-text', known ? `What if: ${text}` : on ? 'What if: computing' : '');
     if (!known) return;
     const { recorded, what_if: other } = totals;
-    const row = ([name, key, format]) => element(
-      'tr',
-      {},
-      element('th', { scope: 'row', text: name }),
-      ...[recorded, other].map((one) => element('td', { text: format(one[key]) })),
-      element('td', { text: recorded[key] ? digits(other[key] / recorded[key], 3) : '–' }),
-    );
-    table.replaceChildren(
-      element('tr', {}, ...['', 'recorded', 'what if', 'ratio'].map((text_) => element('th', { scope: 'col', text: text_ }))),
-      ...TOTALS.map(row),
-    );
+    for (const row of all('[data-total]', table)) {
+      const key = row.dataset.total;
+      const [before, after, ratio] = row.querySelectorAll('td');
+      [before.textContent, after.textContent] = [recorded, other].map((one) => TOTALS[key](one[key]));
+      ratio.textContent = recorded[key] ? digits(other[key] / recorded[key], 3) : '–';
+    }
   }
 
   ratio(key, value) {
-    const { value: place, bar } = this.bars[key];
-    write(place, Number.isFinite(value) && value !== null ? digits(value, 3) : '–');
-    const part = Number.isFinite(value) && value !== null ? Math.min(1, value) : 0;
-    bar.style.transform = `scaleX(${part.toFixed(4)})`;
+    const [bar, place] = all(`#ratios .gauge.${key}, #ratios .gauge.${key} + dd`);
+    write(place, digits(value, 3));
+    bar.firstChild.style.transform = `scaleX(${Math.min(1, value || 0).toFixed(4)})`;
   }
 
   /** What the node reports of the motion, and theory of it. */
@@ -115,7 +90,7 @@ class Verdict {
   numbers(message, theory) {
     const { gap: best, bound } = theory.best;
     message = { ...message, gap_ratio: best > 0 ? message.gap / best : null, bound };
-    for (const [key, , , format] of NUMBERS) write(this.values[key], format(message[key], message));
+    for (const [key, format] of Object.entries(NUMBERS)) write(this.values[key], format(message[key], message));
     const [, origin] = BEYOND[best > 0 ? bound : ''] ?? ['', ''];
     mark(this.values.gap_ratio, 'title', origin);
     this.values.gap_ratio.classList.toggle('preliminary', Boolean(origin));
