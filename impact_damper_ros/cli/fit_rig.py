@@ -46,7 +46,10 @@ if TYPE_CHECKING:
     from impact_damper_ros.fit.structure import StructureFit
 
 #: What may be fitted besides, see `fit.rig_fit.FURTHER`.
-_FURTHER = ('restitution_2', 'bias', 'force_delay', 'damper_mass', 'primary_mass')
+_FURTHER = (
+    *('restitution_2', 'restitution_speed', 'bias', 'force_delay'),
+    *('damper_mass', 'primary_mass'),
+)
 #: Constants whose uncertainty may be given, see `fit.unknowns.CONSTANTS`.
 _UNCERTAIN = ('damper_mass', 'primary_mass', 'force_amplitudes', 'base_amplitudes')
 #: Largest uncertainty that is no guess of the constant, %.

@@ -100,6 +100,13 @@ def _where(revised: Revised) -> str:
 def _remarks(parameters: dict[str, Estimate], correlations: Correlations) -> list[str]:
     """Return which parameters the motion does not distinguish."""
     remarks = []
+    if 'restitution_speed' in parameters:
+        low, high = parameters['restitution_speed'].interval
+        if high == math.inf:
+            remarks.append(
+                f'restitution_speed is {low:.3g} m/s or more: the speeds of this record do not '
+                'exclude a constant restitution; record several levels'
+            )
     both = 'restitution_1', 'restitution_2'
     common = set(both) <= set(parameters) and correlations[both[0]][both[1]] > 0.999999
     names = [name for name in parameters if not (common and name == both[1])]

@@ -16,13 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .first_course import scan_costs, thin_out
 from .gauss_newton import FitSolution, System
 from .partition import Record, fit_vibration, free_vibrations
 from .shooting import Shooting
-from .unknowns import CONSTANTS, later, scaled_constant
+from .unknowns import CONSTANTS, Fall, later, scaled_constant
 from .vibration import Array, Vibration
 
 _STEP = 1e-6
@@ -48,11 +49,14 @@ _SIGNS = {
 }
 #: Phases of the force that are tried, and the sentence that says so.
 _PHASES = 16
+OVER_SPEED = 'restitution over impact speed'
 OTHER_PHASE = 'the force comes at another time than described, which --also force_delay fits'
 #: Readings of a file are compared at so many samples in a natural period, at a few or more
 #: stiffnesses; units only if the cost of a sample is at least `_DEAR`.
 _SAMPLES, _FEW, _MORE = 20, np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 5)
 _ONE, _DEAR = np.ones(1), 4.0
+#: Part of the exponent that is left for a fall of R that no slowness has.
+_STEEP = 0.2
 #: Residuals, in those of the noise, of a record that is one vibration.
 _ONE_VIBRATION = 1.5
 #: Part of the cost that another reading must save where a fit has failed, the part that another
@@ -211,7 +215,9 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
     jump = np.zeros(shooting.count_of_nodes)
     jump[shooting.impacts] = shooting.jumps(u)
     alpha = shared[shooting.alpha_column]
-    speed = np.abs(alpha * jump)[ends]
+    speed = np.zeros(shooting.count_of_nodes)
+    speed[shooting.impacts] = shooting.speeds(u)
+    speed = speed[ends]
     hit = shooting.kind[ends] != 0
 
     def spread(
@@ -235,12 +241,12 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
 
     alphas = list(set(unknowns.alpha_columns()))
     by_restitution = -unknowns.share * alpha[ends] ** 2
-    if hit.any():
+    if hit.any() and 'slowness' not in unknowns.extras:
         middle = speed[hit].mean()
         yield ParameterColumn(
-            'restitution over impact speed',
+            OVER_SPEED,
             's/m',
-            'restitution depends on the speed of impact',
+            'restitution depends on the speed of impact, which --also restitution_speed fits',
             *spread(alphas, by_restitution * np.where(hit, speed - middle, 0.0)),
         )
     if not unknowns.separate and {1, -1} <= set(shooting.kind[ends].tolist()):
@@ -276,6 +282,21 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
             OTHER_PHASE,
             *_derivatives(shooting, solution, later(unknowns.rig, delay), delay),
         )
+
+
+def shared_with_fall(shooting: Shooting, u: Array, slope: float) -> Array:
+    """Return the shared unknowns of a solution, and a slowness with which dR/dv is a slope."""
+    shared = shooting.parts(u)[0].copy()
+    unknowns, columns = shooting.unknowns, list(set(shooting.unknowns.alpha_columns()))
+    speeds = shooting.speeds(u)
+    speed, bounces = float(speeds[speeds > 0.0].mean()), unknowns.restitution(shared[columns])
+    # Of R(0) (1 + s v)^-p; a fall by more than most of p, over v/v_c, begins there
+    exponent = unknowns.rig.restitution_exponent
+    fall = -slope * speed / float(bounces.mean())
+    slowness = fall / max(exponent - fall, _STEEP * exponent) / speed
+    part, _ = bounce(Fall(slowness, exponent), 1.0, speed)
+    shared[columns] = 1.0 / (unknowns.share * (1.0 + np.minimum(bounces / part, 1.0)))
+    return np.append(shared, slowness)
 
 
 def constant_columns(shooting: Shooting, solution: FitSolution) -> list[ParameterColumn]:

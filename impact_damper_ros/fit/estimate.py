@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 #: A normal estimate is within so many standard deviations in 95 % of all cases.
@@ -38,6 +39,13 @@ class Estimate(NamedTuple):
     interval: tuple[float, float]
     start: float | None = None
     unit: str = ''
+
+    @property
+    def of_inverse(self) -> Estimate:
+        """The same estimate if not the value has a normal error, but its inverse."""
+        part = WITHIN * self.standard_deviation / abs(self.value)
+        ends = tuple(self.value / (1.0 + way) if way > -1.0 else math.inf for way in (part, -part))
+        return self._replace(interval=(ends[0], ends[1]))
 
     @classmethod
     def normal(

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 
+from .nodes import V, W
 from .shooting import Equations, Shooting
 from .vibration import Array
 
@@ -34,6 +35,8 @@ _EXACT = 1e-3
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-11, 1e-9
 #: Regularisation of the conditions: redundant ones leave the system regular.
 _GIVE = 1e-13
+#: Most growth of restitution over speed, v/v_c, that a step may lead to.
+_MOST_GROWTH = 0.1
 
 
 class FitSolution(NamedTuple):
@@ -186,7 +189,10 @@ def _is_allowed(shooting: Shooting, u: Array) -> bool:
     gap = shared[shooting.unknowns.column('gap')]
     first, second = shooting.unknowns.alpha_columns()
     positive = min(shared[0], shared[1], shared[first], shared[second], gap) > 0.0
-    return bool(positive and np.all(np.diff(states[:, 0]) > 0.0))
+    # Restitution that grows with the speed has to stay a number
+    fastest = float(np.abs(states[:, W] - states[:, V]).max())
+    grows = shooting.unknowns.value(shared, 'slowness') * fastest < -_MOST_GROWTH
+    return bool(positive and not grows and np.all(np.diff(states[:, 0]) > 0.0))
 
 
 def solve(

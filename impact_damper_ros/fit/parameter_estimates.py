@@ -16,6 +16,7 @@ _UNITS = {
     'damping': 'N s/m',
     'gap': 'm',
     'force_delay': 's',
+    'restitution_speed': 'm/s',
     'damper_mass': 'kg',
     'primary_mass': 'kg',
     'force_amplitudes': 'N',
@@ -44,6 +45,8 @@ def estimates_of(
             )
         elif name == 'grip':
             rows.append(('friction', column, value / unknowns.normal, 1.0 / unknowns.normal))
+        elif name == 'slowness':
+            rows.append(('restitution_speed', column, 1.0 / value, -1.0 / value**2))
         else:
             rows.append((name, column, value, 1.0))
     if first == second:
@@ -71,6 +74,8 @@ def estimates_of(
         name: Estimate.normal(value, float(deviation), _UNITS.get(name, ''), started.get(name))
         for (name, _, value, _), deviation in zip(rows, deviations, strict=True)
     }
+    if 'restitution_speed' in parameters:
+        parameters['restitution_speed'] = parameters['restitution_speed'].of_inverse
     table = {
         a: {b: float(correlations[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
     }

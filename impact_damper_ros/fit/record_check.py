@@ -36,11 +36,6 @@ def faults_of(measured: MeasuredMotion, rig: RigParameters, also: Sequence[str] 
         ]
     if rig.sweep_mode != 'off':
         return [f'sweep_mode is {rig.sweep_mode}: fit the steps of a sweep one by one, with off']
-    if rig.restitution_speed:
-        return [
-            f'restitution_speed is {rig.restitution_speed:g} m/s: a constant restitution is '
-            'fitted, give 0'
-        ]
     if len(motion) < _LEAST_SAMPLES:
         return [f'{source} has {len(motion)} samples that count: give {_LEAST_SAMPLES} at least']
     if not np.isfinite(motion).all():

@@ -74,11 +74,10 @@ class Revised(NamedTuple):
     def grazes(self) -> Flags:
         """Impacts that may be none: hardly faster than M, and with no measured time."""
         course, shooting, u = self.course, self.shooting, self.solution.unknowns
-        alpha = shooting.parts(u)[0][shooting.alpha_column[shooting.impacts]]
         inner = ~course.begins
         if not inner.any():
             return course.begins & ~inner
-        speed = np.where(inner, np.abs(alpha * shooting.jumps(u)), np.inf)
+        speed = np.where(inner, shooting.speeds(u), np.inf)
         grazing: Flags = (speed < _GRAZING * np.median(speed[inner])) & (course.measured < 0)
         return grazing
 

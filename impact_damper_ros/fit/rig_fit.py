@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.parameter_spec import ParameterError, check_ki
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
 from .acceptance import LEAST_USED, MOST_CHI, MOST_Z, WRONG_RIG, judge_fit
-from .candidates import Candidate, Evidence, misreading, wrong_file
+from .candidates import OVER_SPEED, Candidate, Evidence, misreading, shared_with_fall, wrong_file
 from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
@@ -41,14 +41,18 @@ from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
 
 #: What may be fitted beside K, C, one restitution, friction and gap.
-FURTHER = ('restitution_2', *EXTRAS, 'damper_mass', 'primary_mass')
+FURTHER = (
+    *('restitution_2', 'restitution_speed', 'bias', 'force_delay'),
+    *('damper_mass', 'primary_mass'),
+)
 #: Most steps of the constants of a file; they end below this part of a standard deviation. After
 #: a change of one by this part the course is revised again.
 _MOST_CONSTANTS, _SMALL, _MOVED = 6, 0.05, 0.01
 #: ... unless nearly all flights count.
 _ENOUGH = 0.95
-#: A constant that the record contradicts by so many standard deviations is fitted.
-_DOUBT = 2.0
+#: A constant that the record contradicts by so many standard deviations is fitted, and a fall of
+#: restitution beyond this many.
+_DOUBT, _FALL = 2.0, 3.0
 #: Samples closer to an impact than this (s), or this many samples, are not used of a velocity or
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
@@ -192,9 +196,11 @@ def fit_rig(
         taken from it, stiffness and damping are guesses (within 5 % and 60 %). The rest of it
         does not count.
     also : sequence of str, optional
-        What to fit besides: 'restitution_2' for a restitution of its own of stop 2, 'bias' of
-        the sensor, 'force_delay' of the force, 'damper_mass' or 'primary_mass'. The bias of an
-        acceleration is always fitted.
+        What to fit besides: 'restitution_2' for a restitution of its own of stop 2,
+        'restitution_speed' for one that falls with the speed of impact, with the exponent of the
+        rig, 'bias' of the sensor, 'force_delay' of the force, 'damper_mass' or 'primary_mass'.
+        The bias of an acceleration is always fitted, and so is restitution_speed where the rig
+        has one, or where the record says so better than anything else.
     uncertain : mapping of str to float, optional
         Relative standard deviations of constants of the rig: `damper_mass` (0.005 if not given),
         `primary_mass` (0: it is the measure of all masses and forces), `force_amplitudes` and
@@ -283,6 +289,8 @@ def _fit(
     if faults:
         return _refusal(measured, faults)
     extras = tuple(name for name in EXTRAS if name in also)
+    if start.restitution_speed or 'restitution_speed' in also:
+        extras += ('slowness',)
     unknowns = Unknowns(start, 'restitution_2' in also, extras, uncertain)
     record = Record(
         np.asarray(measured.time, float),
@@ -365,7 +373,19 @@ def _fitted_record(
         if again:
             few = found.course.flies.mean() < _ENOUGH
             checks = Evidence.of(found.shooting, found.solution, scale).candidates(moved)
-            if doubt := _doubtful_constant(checks, unknowns):
+            fall = _fall(checks, unknowns)
+            if fall is not None:
+                unknowns = unknowns._replace(extras=(*unknowns.extras, 'slowness'))
+                course = found.course.copy()
+                course.shared = shared_with_fall(
+                    found.shooting, found.solution.unknowns, fall.value
+                )
+                found = found._replace(course=course)
+                remarks = [
+                    'restitution_speed is fitted: that R falls with the speed of impact is '
+                    f'{abs(fall.z):.0f} standard deviations from 0'
+                ]
+            elif doubt := _doubtful_constant(checks, unknowns):
                 # It is what the record says alone
                 uncertain = {**unknowns.uncertain, doubt.name: math.inf}
                 unknowns = unknowns._replace(uncertain=uncertain)
@@ -376,6 +396,7 @@ def _fitted_record(
             elif not few or max(map(abs, moved.values()), default=0.0) < _MOVED:
                 break
             # Flights were left out by constants that are others now
+            few = few or fall is not None
             found = revise(found.course, problem) if few else found.solve(problem)
             known = Knowledge.of(found, scale, moved)
         for _ in range(_MOST_CONSTANTS):
@@ -391,12 +412,27 @@ def _fitted_record(
             return _refusal(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
         if found.course.flies.sum() < flights:
             known = Knowledge.of(found, scale, moved)
+    if unknowns.value(found.course.shared, 'slowness') < 0.0:
+        # No rig has a restitution that grows with the speed
+        unknowns = unknowns._replace(extras=unknowns.extras[:-1])
+        course = found.course.copy()
+        course.shared = course.shared[:-1]
+        found = found.solve(problem, course).without_rejected(problem)
+        known = Knowledge.of(found, scale, moved)
+        remarks = ['restitution does not fall with the speed of impact in this record']
     # What is fitted is no reason against the model
     checks = Evidence.of(found.shooting, found.solution, scale).candidates(moved)
     checks = [check for check in checks if check.name not in unknowns.uncertain]
     shown = max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     result = _result(measured, found, found.chi * noise / shown, checks, known)
     return result._replace(remarks=[*remarks, *result.remarks])
+
+
+def _fall(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
+    """Return that R falls with the speed, if nothing explains the record better."""
+    first = next((check for check in checks if check.name not in unknowns.uncertain), None)
+    falls = first is not None and first.name == OVER_SPEED and first.z < -_FALL
+    return first if falls and unknowns.rig.restitution_exponent > 0.0 else None
 
 
 def _doubtful_constant(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
@@ -557,13 +593,11 @@ def _whiteness(residuals: Array) -> float:
 def _impacts(shooting: Shooting, u: Array) -> NDArray[np.void]:
     """Return the table of fitted impacts."""
     course = shooting.course_of(u)
-    shared, _ = shooting.parts(u)
     jump = shooting.jumps(u)
-    alpha = shared[shooting.alpha_column[shooting.impacts]]
     table = np.zeros(len(course), IMPACT_TYPE)
     table['time'], table['stop'] = course.time, np.where(course.stop > 0, 1, 2)
     table['x'] = course.x
-    table['speed'] = np.where(course.begins, np.nan, np.abs(alpha * jump))
+    table['speed'] = np.where(course.begins, np.nan, shooting.speeds(u))
     table['primary_velocity_after'] = course.velocity
     table['primary_velocity_before'] = np.where(course.begins, np.nan, course.velocity - jump)
     timed = course.measured >= 0

@@ -41,6 +41,8 @@ _AT_X, _AT_V, _AT_W, _AT_Y, _LAST = range(5)
 _NO_GRIP = 1e-6
 #: Step of derivatives by K, C and the delay, in natural units.
 _STEP = 1e-6
+#: A speed at which restitution is that at rest, m/s; and rounds in which a jump finds its speed.
+_LEAST_SPEED, _TURNS = 1e-9, 12
 
 
 class Equations(NamedTuple):
@@ -278,7 +280,7 @@ class Shooting(NodeMotion):
         before = states[ends - 1], after[:, T], ends - 1
         x, v, w, y = self._flown(self.vibration(shared), grip, *before)
         jump = after[:, V] - v
-        alpha = shared[self.alpha_column[ends]]
+        alpha, *_ = self._alphas(shared, w - v)
         ratio = self.unknowns.rig.primary_mass / self.unknowns.rig.damper_mass
         values = np.empty((len(ends), 5))
         values[:, _AT_X] = x - after[:, X]
@@ -297,6 +299,21 @@ class Shooting(NodeMotion):
         rows = values.ravel()
         rows[self._void_rows] = 0.0
         return np.concatenate([rows, firsts / self.length, held / self._hold_units])
+
+    def _alphas(self, shared: Array, approach: Array) -> tuple[Array, Array, Array, Array]:
+        """Return what `Unknowns.alpha_at` does, at the ends of flights."""
+        alpha = shared[self.alpha_column[self.ends]]
+        return self.unknowns.alpha_at(shared, alpha, np.maximum(np.abs(approach), _LEAST_SPEED))
+
+    def speeds(self, u: Array) -> Array:
+        """Return the speeds at which m approaches the stops, by the jumps of X'."""
+        shared, jump = self.parts(u)[0], np.abs(self.jumps(u))
+        alpha = shared[self.alpha_column[self.impacts]]
+        speed = alpha * jump
+        for _ in range(_TURNS):
+            there, *_ = self.unknowns.alpha_at(shared, alpha, np.maximum(speed, _LEAST_SPEED))
+            speed = there * jump
+        return np.asarray(speed)
 
     @cached_property
     def _void_rows(self) -> NDArray[np.int64]:
@@ -317,7 +334,7 @@ class Shooting(NodeMotion):
         Return derivatives of X, X', Z' and Y just before the nodes that end a flight.
 
         By the five unknowns of the node before, those of the node, and the shared ones; with the
-        columns of these, and X and X' themselves.
+        columns of these, and X' and Z' themselves.
         """
         shared, states = self.parts(u)
         ends, count = self.ends, self.count
@@ -359,13 +376,13 @@ class Shooting(NodeMotion):
         columns[:, :5] = count + 5 * (ends - 1)[:, None] + np.arange(5)
         columns[:, 5:10] = count + 5 * ends[:, None] + np.arange(5)
         columns[:, 10:] = np.arange(count)
-        return end, columns, (x, v)
+        return end, columns, (v, w)
 
     def _condition_rates(self, u: Array) -> tuple[Array, NDArray[np.int64]]:
         """Return derivatives of the conditions, rows of (10 + shared), and their columns."""
         shared, states = self.parts(u)
         ends, count = self.ends, self.count
-        end, at, (_, v) = self._end_rates(u)
+        end, at, (v, w) = self._end_rates(u)
         after, n, impact = states[ends], len(ends), self.kind[ends] != 0
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         rates = np.zeros((n, 5, 10 + count))
@@ -374,19 +391,21 @@ class Shooting(NodeMotion):
         jump = after[:, V] - v
         by_jump = -end[:, 1]
         by_jump[:, 5 + V] += 1.0
-        alpha = shared[self.alpha_column[ends]]
+        by_approach = end[:, 2] - end[:, 1]
+        alpha, by_alpha, by_speed, by_slowness = self._alphas(shared, w - v)
         hit = np.flatnonzero(impact)
-        alpha_at = 10 + self.alpha_column[ends][hit]
+        of_alpha = by_approach * (by_speed * np.sign(w - v))[:, None]
+        of_alpha[np.arange(n), 10 + self.alpha_column[ends]] += by_alpha
+        if (column := self.unknowns.column('slowness')) >= 0:
+            of_alpha[:, 10 + column] += by_slowness
         rates[:, _AT_V] = end[:, 1]
         rates[:, _AT_V, 5 + V] -= 1.0
-        rates[hit, _AT_V] = (end[:, 2] - end[:, 1] - alpha[:, None] * by_jump)[hit]
-        rates[hit, _AT_V, alpha_at] -= jump[hit]
+        less = alpha[:, None] * by_jump + jump[:, None] * of_alpha
+        rates[hit, _AT_V] = (by_approach - less)[hit]
         rates[:, _AT_W] = end[:, 2]
         rates[:, _AT_W, 5 + W] -= 1.0
-        thrown = -end[:, 1] - (alpha - 1.0 / ratio)[:, None] * by_jump
-        rates[hit, _AT_W] = thrown[hit]
+        rates[hit, _AT_W] = (by_jump / ratio - end[:, 1] - less)[hit]
         rates[hit, _AT_W, 5 + W] += 1.0
-        rates[hit, _AT_W, alpha_at] -= jump[hit]
         rates[:, _AT_Y] = end[:, 3]
         rates[:, _AT_Y, 5 + Y] -= 1.0
         free = np.flatnonzero(~impact & ~self._held)

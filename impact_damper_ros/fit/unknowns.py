@@ -3,24 +3,29 @@
 What is fitted: the parameters that all flights share, and where each of them stands.
 
 Restitution enters by alpha = (M + m)/(m (1 + R)), in which the laws are linear: a jump J of X'
-comes from an approach at alpha J. Friction enters as an acceleration gamma g cos(angle).
+comes from an approach at alpha J. Where R falls with the speed, alpha is that of R(0). Friction
+enters as an acceleration gamma g cos(angle).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.motion.state import incline
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .vibration import Array
 
-#: What may be fitted beside the rig: the offset of the sensor, and by how much the force is late.
-EXTRAS = ('bias', 'force_delay')
+#: What may be fitted beside the rig: the offset of the sensor, by how much the force is late, and
+#: 1/v_c of the law of restitution, s/m.
+EXTRAS = ('bias', 'force_delay', 'slowness')
+#: A slowness that is zero, s/m: derivatives by it are taken here.
+_NO_SLOWNESS = 1e-8
 
 
 class Constant(NamedTuple):
@@ -63,6 +68,13 @@ def later(rig: RigParameters, delay: float) -> RigParameters:
             p if abs(p) < math.tau else math.remainder(p, math.tau) for p in turned
         )
     return rig.replace(**changes)
+
+
+class Fall(NamedTuple):
+    """How restitution falls, as `bounce` takes it."""
+
+    restitution_slowness: float
+    restitution_exponent: float
 
 
 class Unknowns(NamedTuple):
@@ -137,19 +149,37 @@ class Unknowns(NamedTuple):
         """The acceleration of m by compressed air, m/s^2."""
         return self.rig.air_force / self.rig.damper_mass
 
-    def restitution(self, alpha: float) -> float:
-        """Return the coefficient of restitution of an alpha."""
+    def restitution(self, alpha: Any) -> Any:
+        """Return the coefficient of restitution of an alpha, or of many."""
         return 1.0 / (self.share * alpha) - 1.0
+
+    def alpha_at(
+        self, shared: Array, alpha: Array, speed: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return alpha at speeds, and its derivatives by that at 0, speed and slowness."""
+        nothing = np.zeros(len(alpha))
+        if 'slowness' not in self.names:
+            return alpha, nothing + 1.0, nothing, nothing
+        slowness = self.value(shared, 'slowness')
+        slowness = slowness if abs(slowness) > _NO_SLOWNESS else _NO_SLOWNESS
+        at_rest = 1.0 / (self.share * alpha) - 1.0
+        part, slope = bounce(Fall(slowness, self.rig.restitution_exponent), 1.0, speed)
+        there = 1.0 / (self.share * (1.0 + at_rest * part))
+        # v dR/dv, which is s dR/ds
+        by_fall = -self.share * there**2 * at_rest * (slope - part)
+        return there, part * (there / alpha) ** 2, by_fall / speed, by_fall / slowness
 
     def rig_of(self, shared: Array, least_grip: float = 0.0) -> RigParameters:
         """Return the rig of shared unknowns; values that no rig has are put to the nearest."""
         first, second = self.alpha_columns()
         grip = max(self.value(shared, 'grip'), least_grip)
+        slowness = self.value(shared, 'slowness')
         return later(self.rig, self.value(shared, 'force_delay')).replace(
             stiffness=self.value(shared, 'stiffness'),
             damping=self.value(shared, 'damping'),
             restitution_1=min(max(self.restitution(shared[first]), 0.0), 1.0),
             restitution_2=min(max(self.restitution(shared[second]), 0.0), 1.0),
             friction=grip / self.normal if self.normal > 0.0 else self.rig.friction,
+            restitution_speed=1.0 / max(slowness, 1e-9) if slowness > _NO_SLOWNESS else 0.0,
             gap=max(self.value(shared, 'gap'), 1e-9),
         )

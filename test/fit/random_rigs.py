@@ -134,6 +134,8 @@ def true_course(unknowns: Unknowns, measurement: Measurement) -> tuple[Record, C
     alphas = 1.0 / (unknowns.share * (1.0 + np.array([rig.restitution_1, rig.restitution_2])))
     grip = rig.friction * unknowns.normal
     shared = unknowns.start(rig.stiffness, rig.damping, alphas, grip, rig.gap)
+    if (column := unknowns.column('slowness')) >= 0:
+        shared[column] = rig.restitution_slowness
     spans = list(pairwise(hits['time'].tolist()))
     begins = np.array([True, *(((sticks > low) & (sticks < high)).any() for low, high in spans)])
     reversals = [

@@ -102,23 +102,6 @@ def test_two_rigs_in_one_record(bench):
     refused(mixed, start)
 
 
-def test_restitution_that_falls_with_speed_is_named(bench):
-    """A law of impact that the model does not have; the slope is that at the mean speed."""
-    rig, start, _ = bench
-    falling = rig.replace(restitution_1=0.9, restitution_2=0.9, restitution_speed=0.2)
-    falling = falling.replace(restitution_exponent=0.6)
-    fit = refused(measure(falling, np.random.default_rng(1), impacts=60).record, start)
-    found = {check.name: check for check in fit.checks}['restitution over impact speed']
-    assert found.z < -4.0
-    assert any('restitution depends on the speed' in reason for reason in fit.reasons), fit.reasons
-
-
-def test_a_rig_whose_restitution_falls_is_not_fitted(bench):
-    _, start, record = bench
-    (reason,) = refused(record, start.replace(restitution_speed=0.5)).reasons
-    assert reason == 'restitution_speed is 0.5 m/s: a constant restitution is fitted, give 0'
-
-
 def _first(record, count):
     """Return the first samples of a record."""
     parts = {name: getattr(record, name)[:count] for name in ('time', 'motion', 'used')}

@@ -1,5 +1,7 @@
 """A rig is found again from its noisy motion, with intervals that hold."""
 
+import math
+
 import numpy as np
 import pytest
 from rigs import TWIN
@@ -83,8 +85,39 @@ def test_a_flight_that_begins_at_an_impact_nobody_measured_does_not_count():
     assert np.abs(off).max() < 3.5, off
 
 
+@pytest.mark.parametrize('seed', [9109, 9125])
+def test_restitution_that_falls_with_the_speed(seed):
+    """It is fitted without being asked for, and all intervals hold."""
+    rng = np.random.default_rng(seed)
+    rig = random_rig(rng)
+    rig = rig.replace(restitution_speed=float(rng.uniform(0.05, 1.0)))
+    fit = fit_rig(measure(rig, rng, impacts=100, noise=0.01).record, guess_of(rig, rng))
+    assert fit.accepted, fit.reasons
+    for name in ('restitution_1', 'restitution_speed', 'friction', 'gap', 'stiffness'):
+        low, high = fit.parameters[name].interval
+        assert low < getattr(rig, name) < high, name
+    assert fit.parameters['restitution_speed'].unit == 'm/s'
+    assert fit.rig.restitution_speed == pytest.approx(fit.parameters['restitution_speed'].value)
+
+
+def test_a_constant_restitution_stays_one_if_a_fall_is_asked_for():
+    """Its slowness is about zero: the interval has no upper end, or it is left out."""
+    rng = np.random.default_rng(105)
+    rig = random_rig(rng)
+    fit = fit_rig(
+        measure(rig, rng, impacts=60).record, guess_of(rig, rng), also=('restitution_speed',)
+    )
+    assert fit.accepted, fit.reasons
+    speed = fit.parameters.get('restitution_speed')
+    assert speed is None or speed.interval[1] == math.inf
+    words = 'does not fall with the speed', 'do not exclude a constant'
+    assert any(word in remark for word in words for remark in fit.remarks)
+    low, high = fit.parameters['restitution_1'].interval
+    assert low < rig.restitution_1 < high
+
+
 def test_names_that_cannot_be_fitted_are_refused():
-    with pytest.raises(FitOptionError, match='restitution_2, bias, force_delay, damper_mass'):
+    with pytest.raises(FitOptionError, match='restitution_2, restitution_speed, bias'):
         fitted(105, impacts=10, also=('mass',))
     with pytest.raises(
         FitOptionError, match="'gap' cannot be uncertain: give names of damper_mass"

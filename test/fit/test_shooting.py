@@ -13,7 +13,7 @@ from .random_rigs import DEVIATION, measure, random_rig, true_course
 @pytest.mark.parametrize('quantity', ['displacement', 'velocity', 'acceleration'])
 def test_the_exact_motion_obeys_all_laws_and_derivatives_are_those_of_differences(quantity):
     rng = np.random.default_rng(101)
-    rig = random_rig(rng).replace(air_force=0.02, angle=0.01)
+    rig = random_rig(rng).replace(air_force=0.02, angle=0.01, restitution_speed=0.3)
     measurement = measure(rig, rng, impacts=30, quantity=quantity)
     unknowns = Unknowns(rig, True, EXTRAS)
     record, course = true_course(unknowns, measurement)
