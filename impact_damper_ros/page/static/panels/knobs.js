@@ -109,7 +109,10 @@ class Knob {
       type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0, disabled: this.input.disabled,
     });
     this.range.addEventListener('input', () => {
-      if (!this.dragging) this.knobs.store.grab(this.descriptor.name);
+      if (!this.dragging) {
+        this.knobs.store.grab(this.descriptor.name);
+        byId('curve').classList.toggle('above', this.range.getBoundingClientRect().top > innerHeight / 2);
+      }
       this.dragging = true;
       const number = this.scale.at(Number(this.range.value) / 1000);
       this.input.value = typed(number, 1e-4);
