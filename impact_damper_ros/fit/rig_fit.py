@@ -200,7 +200,7 @@ def fit_rig(
         'restitution_speed' for one that falls with the speed of impact, with the exponent of the
         rig, 'bias' of the sensor, 'force_delay' of the force, 'damper_mass' or 'primary_mass'.
         The bias of an acceleration is always fitted, and so is restitution_speed where the rig
-        has one, or where the record says so better than anything else.
+        has one, or where nothing explains the record better.
     uncertain : mapping of str to float, optional
         Relative standard deviations of constants of the rig: `damper_mass` (0.005 if not given),
         `primary_mass` (0: it is the measure of all masses and forces), `force_amplitudes` and

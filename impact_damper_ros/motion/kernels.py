@@ -187,7 +187,7 @@ def _digest() -> str:
         parts += [name, name in _INLINE, function.__defaults__, constants]
         parts += [code.co_code, code.co_names, code.co_varnames]
     # Code of the same kernels that is linked or kept in another way is other code, too.
-    for maker in (_part_compiler, _entry_compiler, _compiled_only_row, _compile):
+    for maker in (_part_compiler, _entry_compiler, _compiled_only_row, _compile, _kind):
         for code in _codes(unwrap(maker).__code__):
             texts = [value for value in code.co_consts if not isinstance(value, types.CodeType)]
             parts += [code.co_code, code.co_names, texts]
@@ -470,8 +470,9 @@ def _kind(argument: Any) -> str:
         return f'{type(argument).__name__}({",".join(map(_kind, argument))})'
     if isinstance(argument, np.ndarray | np.void):
         dtype, flags = argument.dtype, argument.flags
-        order = flags.c_contiguous, flags.f_contiguous, flags.writeable
-        return f'{type(argument).__name__}{argument.ndim}{order}{dtype.descr}{dtype.itemsize}'
+        order = 'C' if flags.c_contiguous else 'F' if flags.f_contiguous else 'A'
+        shape = argument.ndim, order, flags.writeable
+        return f'{type(argument).__name__}{shape}{dtype.descr}{dtype.itemsize}'
     return type(argument).__name__
 
 
