@@ -25,10 +25,10 @@ from impact_damper_ros.report.transmissibility_text import transmissibility_text
 from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
 
-# The end of a run that its summary describes, and how closely it looks for the largest |X|
+# Cycles at the end of a run in which the largest |X| is sought, and samples in each
 _WATCHED_CYCLES = 20
 _LOOKS_PER_CYCLE = 256
-# Cycles this little fewer than a whole number are whole.
+# A number of cycles is whole if it is below a whole number by less than this.
 _WHOLE = 1e-6
 
 
@@ -38,11 +38,11 @@ def cycle_at(parameters: RigParameters) -> float:
 
 
 class RunSummary(Observer):
-    """What is printed of a run: events, commands, last impacts, largest |X| at the end."""
+    """The printed summary of a run: events, commands, last impacts, largest |X| at the end."""
 
     def __init__(self, rig: Rig, duration: float, response: ResponseSamples | None = None) -> None:
         self._rig = rig
-        #: Of a base of many lines their common period counts.
+        #: Samples for the response to a base of many lines, over their common period.
         self.response = response
         self._look = cycle_at(rig.parameters) / _LOOKS_PER_CYCLE
         self._cycles = min(_WATCHED_CYCLES, duration / cycle_at(rig.parameters))
@@ -55,7 +55,7 @@ class RunSummary(Observer):
         # Largest |Y| at the looks
         self._reach = 0.0
         self._since_look: list[Event] = []
-        # Of a moving base: where its motion is measured from, and all events since
+        # Of a rig with a moving base: start of the measured motion, and all events since then
         self._begin: FlightStart | None = None
         self._passed: list[Event] = []
 
@@ -99,7 +99,7 @@ class RunSummary(Observer):
             f'simulated   {rig.time:g} s in {spent:.2f} s; the loose mass is now in mode "{mode}"',
             f'events      {", ".join(events) or "none"}',
         ]
-        # Where a record moves the base, X - b counts, not X; other lines tell of it.
+        # If a record moves the base, other lines report X - b instead of X.
         if whole and not any(r.quantity == BASE_RECORD for r in rig.measured_records):
             lines.append(f'largest |X| {largest:.7g} m in the last {self._cycles:.3g} cycles')
             amplitude = parameters.response_amplitude

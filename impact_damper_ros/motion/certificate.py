@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What is certain of a function between two instants, by its values, its rates and a bound.
+The sign and slope of a function between two instants, proved from values, rates and a bound.
 
-The bound limits the size of its third or fourth derivative. Guesses of a root need no bound.
+The bound limits the third or fourth derivative. Estimates of a root need no bound.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ EPSILON = 2.220446049250313e-16
 ERROR = 1e-13
 #: A sum this small compared with its terms is zero to round-off.
 ROUND_OFF = 16.0 * EPSILON
-#: Where slopes differ by more than this factor, the inverse function is a poor guess.
-_UNEVEN = 0.2
-_GUESS = 1e-4
+#: Least ratio of the slopes at both ends for which the inverse cubic is a good estimate.
+_LEAST_SLOPE_RATIO = 0.2
+#: Accuracy of an estimate, in steps.
+_ESTIMATE_TOLERANCE = 1e-4
 
 
 @kernel(inline=True)
@@ -50,12 +51,12 @@ def falls(d_a: float, d_b: float, step: float, bound: float) -> bool:
 
 @kernel(inline=True)
 def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) -> float:
-    """Return a guess of where a function falls to zero between two instants."""
+    """Estimate where a function falls to zero between two instants."""
     change = f_b - f_a
-    # A function that first rises from zero is zero at its start, too: the guess then begins at
-    # the other end.
+    # A function that first rises from zero is zero at its start, too: Newton's method then begins
+    # at the end.
     part = -f_a / change if f_a > 0.0 else 1.0
-    if d_a < _UNEVEN * d_b and d_b < _UNEVEN * d_a:
+    if d_a < _LEAST_SLOPE_RATIO * d_b and d_b < _LEAST_SLOPE_RATIO * d_a:
         # The inverse function as a Hermite cubic
         m_a = change / d_a
         m_b = change / d_b
@@ -80,14 +81,14 @@ def falling_root(f_a: float, d_a: float, f_b: float, d_b: float, step: float) ->
             following = part - value / slope
         change = following - part
         part = following
-        if abs(change) < _GUESS:
+        if abs(change) < _ESTIMATE_TOLERANCE:
             break
     return part * step
 
 
 @kernel
 def turned_root(f_a: float, d_a: float, e_a: float, f_b: float, step: float) -> float:
-    """Return a guess of where a function, concave in a step, falls to zero after its crest."""
+    """Estimate where a function, concave in a step, falls to zero after its maximum."""
     root = (d_a + sqrt(d_a * d_a - 2.0 * e_a * f_a)) / -e_a
     # The parabola, and the cubic that ends where the function does
     third = (f_b - f_a - step * (d_a + 0.5 * step * e_a)) / (step * step * step)

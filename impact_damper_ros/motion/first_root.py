@@ -2,16 +2,14 @@
 """
 The first root of a watched function between two instants.
 
-Every function that is watched (a clearance, the relative speed, the support left, X itself) is
-parabola(tau) + k X^(d)(tau) with d = 0, 1 or 2. Where it and its rate are known at two instants,
-and the third and fourth derivatives of its X^(d) are bounded between them, it may be proved to be
-positive (`keeps_sign`), or to fall (`falls`) and to have one root if it is not positive at the
-end. Where neither is proved, the step is halved. A function that comes to zero within its
-round-off and goes away again has no root.
+Every watched function (a clearance, the relative speed, the remaining support, X itself) is
+parabola(tau) + k X^(d)(tau) with d = 0, 1 or 2. Its values and rates at two instants, and a bound
+of its third or fourth derivative between them, may prove that it is positive (`keeps_sign`), or
+that it falls (`falls`) and has one root if it is not positive at the end. If they prove neither,
+the step is halved. A function that only touches zero, to round-off, has no root.
 
-"Just left the stop" is handled here only. A flight that begins on a stop has exactly zero
-clearance and a positive rate there. A flight that begins with a release has neither; its jerk
-leads it away.
+A flight that begins on a stop has exactly zero clearance and a positive rate. A flight that begins
+with a release has neither rate nor acceleration: the sign of its jerk decides (`leap`).
 """
 
 from __future__ import annotations
@@ -38,13 +36,12 @@ from .kernels import kernel
 from .oscillator import Oscillator, free_bound
 from .state import Moving, RigConstants, Run, advance_time, on_stop_1, on_stop_2
 
-# Below this, lengths, speeds and accelerations are zero: bounds need squares, and no float is as
-# small as those.
+# Lengths, speeds and accelerations below this count as zero: their products could underflow.
 _NO_LENGTH = 1e-120
-#: Shortest step, over that of the grid.
+#: Shortest step, as a fraction of the step of the grid.
 _SHORTEST = 1e-13
-#: A last step this long, in steps of the grid and relative to the time since the flight's origin,
-#: leaves nothing behind.
+#: A step of Newton's method this long, in steps of the grid and relative to the time since the
+#: flight's origin, is the last one.
 LAST_STEP = 1e-8
 
 
@@ -155,8 +152,8 @@ def first_root(
     """
     Return the first root of a watched function between two times of at most `POINTS` steps.
 
-    `motion` is that at the start, and `step` the first one tried. The time is infinite if there is
-    no root; else, unless it is a passage of X, the flight ends there.
+    `motion` is the motion at the start, `step` the first step. If there is no root, the result is
+    infinite. A root ends the flight, unless it is a passage of X.
     """
     constants, _, run, _, _ = moving
     oscillator = oscillator_of(constants, run)
@@ -169,12 +166,12 @@ def first_root(
             return end_near(run, kind, start, motion, 0.0)
     square = d_a * d_a - 2.0 * e_a * max(f_a, 0.0)
     if e_a < 0.0 < d_a:
-        # Up to before the root of the parabola; after that the function falls.
+        # The step ends before the root of the parabola, after which the function falls.
         step = min(step, max(0.75 * (d_a + sqrt(square)) / -e_a, _SHORTEST * step))
     elif d_a < 0.0 < f_a and square > 0.0:
-        # Beyond that root
+        # The step ends beyond the root of the parabola.
         step = min(step, 2.5 * f_a / (sqrt(square) - d_a))
-    # No step is shorter, so that each gets on.
+    # A shorter step would not advance the time.
     shortest = max(_SHORTEST * oscillator.step, 2.0 * EPSILON * end)
     step = max(step, shortest)
     while t_a < end:
@@ -289,7 +286,7 @@ def leap(moving: Moving, longest: float) -> float:
     if jerk < -ROUND_OFF * terms:
         return -1.0
     if jerk <= ROUND_OFF * terms:
-        # The sign of the jerk is round-off; within this step m moves by less than round-off.
+        # The sign of the jerk is round-off, and m moves by less than round-off in this step.
         return 1e-9 * oscillator.horizon
     bound = free_bound(oscillator, motion.x_4, motion.x_5) + oscillator.bound_4
     return min(1.5 * jerk / bound, longest) if bound > 0.0 else longest
@@ -299,7 +296,7 @@ def leap(moving: Moving, longest: float) -> float:
 def look_for(
     moving: Moving, kind: int, start: float, motion: Motion, end: float, motion_end: Motion
 ) -> None:
-    """Let the flight end at a function's first root, if no earlier event has been found."""
+    """End the flight at the first root of a function, unless an earlier event is known."""
     constants, _, run, _, _ = moving
     f_a, d_a, _, _ = watched_function(constants, run, kind, start, motion)
     f_b, d_b, _, size = watched_function(constants, run, kind, end, motion_end)
@@ -319,7 +316,7 @@ def look_for(
 
 @kernel
 def first_of(moving: Moving, start: float, end: float) -> None:
-    """Let the flight end at the first event between two times, if there is one."""
+    """End the flight at the first event between two times, if there is one."""
     run = moving.run
     run.tau = inf
     motion_a: Motion = motion_at(moving, start)
@@ -333,7 +330,7 @@ def first_of(moving: Moving, start: float, end: float) -> None:
 def look_for_all(
     moving: Moving, start: float, motion_a: Motion, end: float, motion_b: Motion
 ) -> None:
-    """Let the flight end at the first of its possible events in a step, if there is one."""
+    """End the flight at the first of all possible events in a step, if there is one."""
     run = moving.run
     if run.joint:
         if run.support_high < inf:

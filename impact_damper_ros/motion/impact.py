@@ -96,7 +96,7 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
     """
     Return whether a chatter may be complete, or a bounce too short to be resolved.
 
-    A bounce takes 2 speed/push at least. No sine is evaluated.
+    A bounce takes at least 2 speed/push.
     """
     push = constants.push + (1.0 + constants.mass_ratio) * (
         constants.joint.omega_squared * abs(run.x)
@@ -111,28 +111,28 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
 
 
 @kernel
-def end_bounces(moving: Moving, stop: int, coefficient: float) -> None:
-    """Go over to the chatter that an impact belongs to, if there is one that can be completed."""
+def begin_chatter(moving: Moving, stop: int, coefficient: float) -> None:
+    """Begin the chatter of which an impact is part, if it can be completed in closed form."""
     constants, _, run, _, _ = moving
     common = common_velocity(constants, run)
     away = 1.0 if stop == 2 else -1.0
     speed = away * run.relative_velocity
     press = (1.0 + constants.mass_ratio) * away * support_need(moving, common)
     grip = (1.0 + constants.mass_ratio) * constants.grip
-    # Those of the bounces to come lie between these two.
+    # The coefficients of all later bounces lie between these two.
     restitution, _ = bounce(constants, coefficient, 0.0)
     least, _ = bounce(constants, coefficient, speed)
     left = chatter_duration(speed, press, grip, restitution)
     single = bounce_duration(speed, press, grip)
     omega = sqrt(constants.free.omega_squared)
     if single < SHORTEST_BOUNCE * constants.free.horizon:
-        # Bounces too short to be resolved, and without energy. On an elastic stop they have no
-        # end; no chatter may last so long that its support has to be watched.
+        # These bounces are too short to be resolved, and have no energy. On an elastic stop they
+        # have no end: the chatter ends at once if its support could change during it.
         left = left if omega * left <= CHATTER_SPAN else 0.0
     elif left < inf:
-        # Infinite with one stop only; there `CHATTER_SPAN` bounds the height.
+        # The gap is infinite if there is one stop only; `CHATTER_SPAN` then limits the height.
         gap = run.clearance_1 + run.clearance_2
-        # The smallest possible bound of the jerk excludes most of the others.
+        # The smallest possible bound of the jerk already excludes most chatters.
         jerk = constants.free.jerk_bound
         spread = (restitution - least) * left / single
         if not may_complete(left, speed, press, grip, jerk, omega, gap, spread):
@@ -181,17 +181,16 @@ def rebound(
 @kernel(inline=True)
 def rebound_slopes(share: float, slope: Any) -> tuple[Any, Any]:
     """
-    Return the derivatives of what `rebound` returns by the relative velocity before it.
+    Return the derivatives of X' and Y' after an impact by the relative velocity before it.
 
-    The slope is the second result of `bounce`; in plain Python it may be an array, of
-    many impacts.
+    `slope` is the second result of `bounce`; in plain Python it may be an array of many impacts.
     """
     return share * (1.0 + slope), -slope
 
 
 @kernel
-def starts_again(run: Run, stop: int) -> bool:
-    """Let a stop that m touches go on to its target, unless m holds it up; return if it does."""
+def restart_stop(run: Run, stop: int) -> bool:
+    """Start a stop that m touches towards its target, unless m blocks it; return if it starts."""
     if stop == 1:
         ahead = run.target_1 - run.stop_1
         inwards = -run.relative_velocity
@@ -215,7 +214,7 @@ def strike(moving: Moving, stop: int) -> None:
     constants, _, run, _, log = moving
     before = run.velocity
     relative_before = run.relative_velocity
-    # Towards stop 1 is positive; round-off must not give a grazing contact a negative speed.
+    # Velocities towards stop 1 are positive. The speed of a grazing contact is not negative.
     if stop == 1:
         relative_before = max(relative_before, 0.0)
         restitution = constants.restitution_1
@@ -236,16 +235,16 @@ def strike(moving: Moving, stop: int) -> None:
     run.chatter_left = 0.0
     if relative_after == 0.0:
         restitution = 0.0
-        # -0.0 would be taken for a direction.
+        # The sign of -0.0 would count as a direction.
         relative_after = 0.0
     run.relative_velocity = relative_after
-    starts = away and starts_again(run, stop)
+    starts = away and restart_stop(run, stop)
     if relative_after == 0.0:
         rest(moving)
     else:
         run.mode = moving_mode(constants, relative_after)
         if not away and may_chatter(constants, run):
-            end_bounces(moving, stop, most)
+            begin_chatter(moving, stop, most)
     impulse = (
         constants.damper_mass
         * (1.0 + restitution)

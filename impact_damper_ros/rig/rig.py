@@ -189,7 +189,7 @@ class Rig(RigState):
         status, _ = self._run_to(time, tables, most_in_period=most, interrupted=interrupted)
         events = tables.event_list()
         if status == RUNAWAY:
-            raise RunawayError(self._reason(Outcome.RUNAWAY), events)
+            raise RunawayError(self._reason_of(Outcome.RUNAWAY), events)
         return events
 
     def _is_quiet(self, time: float) -> bool:
@@ -275,7 +275,7 @@ class Rig(RigState):
     def _step_sweep(self) -> list[Event]:
         """Make the step of the stepped sine that is due, at its exact instant."""
         before = self._run.mode
-        self._cut(self._sweep.due)
+        self._move_origin(self._sweep.due)
         self._sweep = self._sweep.following(self._parameters)
         self._tune()
         caused: list[Event] = []
@@ -346,7 +346,7 @@ class Rig(RigState):
         outcome = Outcome(status)
         return RunResult(
             outcome,
-            self._reason(outcome, happened, since),
+            self._reason_of(outcome, happened, since),
             self.time,
             samples[: self._run.sampled].view(SAMPLE_TYPE).reshape(-1),
             tables.events,
@@ -413,7 +413,7 @@ class Rig(RigState):
                 break
         if status in (SPENT, RUNAWAY):
             since = start + strobe.cycles * cycle
-            reason = self._reason(Outcome(status), happened - strobe.happened, since)
+            reason = self._reason_of(Outcome(status), happened - strobe.happened, since)
             raise RunawayError(reason)
         return strobe.cycles, happened
 
@@ -539,7 +539,7 @@ class Rig(RigState):
     def _change(self, parameters: RigParameters) -> list[Event]:
         before, run = self._parameters, self._run
         shift = before.static_deflection - parameters.static_deflection
-        self._cut(run.now, same_x=shift == 0.0)
+        self._move_origin(run.now, same_x=shift == 0.0)
         self._parameters = parameters
         run.counted_from, run.in_period = run.now, 0
         start, step = run.now, 0
@@ -661,7 +661,7 @@ class Rig(RigState):
         run, before = self._run, self._run.mode
         if force == run.force:
             return []
-        self._cut(run.now)
+        self._move_origin(run.now)
         run.force = force
         caused = self._begin(before)
         return [self._force_event(EventKind.FORCE_STEP, force), *caused]

@@ -136,8 +136,8 @@ class RigState:
         """Return what the kernels of the motion are given, with a table for the events."""
         return Moving(self._constants, self._lines, self._run, self._waves, log)
 
-    def _cut(self, time: float, *, same_x: bool = True) -> None:
-        """Move the origin of the flight to a time, where X stays what it is."""
+    def _move_origin(self, time: float, *, same_x: bool = True) -> None:
+        """Move the origin of the flight to a time; `same_x` is false if X jumps there."""
         side = self._run.crossing_side
         move_to(self._moving(), time)
         self._run.now = time
@@ -274,7 +274,7 @@ class RigState:
             for wave, line in zip(self._waves, self._lines, strict=False)
         ]
 
-    def _reason(self, outcome: Outcome, happened: int = 0, since: float = 0.0) -> str:
+    def _reason_of(self, outcome: Outcome, happened: int = 0, since: float = 0.0) -> str:
         """Return why a run ended with an outcome."""
         run, mode = self._run, self.mode.name.lower().replace('_', ' ')
         if outcome is Outcome.RUNAWAY:
