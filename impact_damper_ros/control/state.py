@@ -484,7 +484,7 @@ class Control(NamedTuple):
         return self._with_waiting(self.waiting)
 
     def unpack(self, rows: Any) -> Control:
-        """Return this control in the state of one that was `packed`."""
+        """Return this control in the state of records that `pack` made."""
         for name, part in self.states().items():
             unpack(getattr(rows, name)[0], part)
         commands = [WaitingCommand(*row) for row in rows.commands[0].tolist()]

@@ -42,7 +42,7 @@ class Estimate(NamedTuple):
 
     @property
     def of_inverse(self) -> Estimate:
-        """The same estimate if not the value has a normal error, but its inverse."""
+        """The same estimate, with the interval of an inverse whose error is normal."""
         part = WITHIN * self.standard_deviation / abs(self.value)
         ends = tuple(self.value / (1.0 + way) if way > -1.0 else math.inf for way in (part, -part))
         return self._replace(interval=(ends[0], ends[1]))

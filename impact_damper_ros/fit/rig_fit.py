@@ -429,7 +429,7 @@ def _fitted_record(
 
 
 def _fall(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
-    """Return that R falls with the speed, if nothing explains the record better."""
+    """Return the check that R falls with the speed, if it explains the record best."""
     first = next((check for check in checks if check.name not in unknowns.uncertain), None)
     falls = first is not None and first.name == OVER_SPEED and first.z < -_FALL
     return first if falls and unknowns.rig.restitution_exponent > 0.0 else None

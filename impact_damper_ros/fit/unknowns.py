@@ -156,7 +156,7 @@ class Unknowns(NamedTuple):
     def alpha_at(
         self, shared: Array, alpha: Array, speed: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """Return alpha at speeds, and its derivatives by that at 0, speed and slowness."""
+        """Return alpha at speeds, and its derivatives by alpha at rest, speed and slowness."""
         nothing = np.zeros(len(alpha))
         if 'slowness' not in self.names:
             return alpha, nothing + 1.0, nothing, nothing

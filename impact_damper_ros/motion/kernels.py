@@ -2,11 +2,11 @@
 """
 Kernels: functions of numbers and records that run as plain Python or compiled by numba.
 
-A program starts with the plain functions, without waiting for a compiler. `compiled` returns the
-same ones compiled; both do the same floating-point operations in the same order. Constants are
-named tuples and states are dataclasses in plain Python; compiled kernels take both as `packed`
-numpy records, which they read and change where they are. Rows (harmonics, events, samples) are
-lists of such objects, or arrays of records.
+A program starts with the plain functions, without waiting for a compiler. `compiled_kernel`
+returns the same ones compiled; both do the same floating-point operations in the same order.
+Constants are named tuples and states are dataclasses in plain Python; compiled kernels take both
+as numpy records, made by `pack`, which they read and change where they are. Rows (harmonics,
+events, samples) are lists of such objects, or arrays of records.
 
 Compiled code is kept for other processes in a directory named by a digest of everything that it
 depends on; a comment is no part of that. What is kept is loaded without numba.
