@@ -26,7 +26,7 @@ _FIRST = {
     'friction': ('Friction γ', 'friction', 'γ'),
     'restitution_1': ('Restitution R₁', 'restitution', 'R₁'),
     'restitution_2': ('Restitution R₂', 'restitution', 'R₂'),
-    'restitution_speed': ('Speed v_c of R(v)', 'restitution-speed', 'v_c'),
+    'restitution_speed': ('Speed v_c', 'restitution-speed', 'v_c'),
     'gap_control': ('Gap control', 'gap-control', 'control'),
 }
 
