@@ -42,10 +42,10 @@ from .flight_integrals import (
     FLIGHT_SQUARE,
     FLIGHT_X,
     GAUSS_POINTS,
+    NO_SERIES,
     SUM_BASE,
     SUM_FORCE,
     SUM_LARGEST,
-    TERMS,
     Integrals,
     integrate_flights,
 )
@@ -453,9 +453,9 @@ class Flights:
         if self.drive is not None:
             rates = [rig.omega, *rig.harmonics[1]]
             fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
-            series = np.zeros((2, TERMS))
             arrays = self._columns(), self._lines(), GAUSS_POINTS
-            call_kernel(integrate_flights, *arrays, fastest, rig.damping, shaken, series, sums)
+            numbers = fastest, rig.damping, shaken
+            call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
         else:
             sums[SUM_FORCE:SUM_BASE] = math.nan
         covered, total, squares, force, active, dashpot, *based, largest = sums.tolist()

@@ -21,7 +21,7 @@ from .transmissibility import Moments, Transmissibility
 
 #: Terms of a series, and the longest piece as an angle of the fastest oscillation, rad: what is
 #: left out of the series and of the integral of a square is below round-off.
-TERMS, _PIECE_ANGLE = 24, 1.2
+TERMS, _PIECE_ANGLE = 20, 1.2
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(8)
 #: Places of the Gauss points in a piece, and their weights.
 GAUSS_POINTS: Array = np.array([0.5 * (_NODES + 1.0), 0.5 * _GAUSS])
@@ -39,8 +39,11 @@ FLIGHT_COLUMNS = 12
 #: Columns of harmonics: amplitude, frequency, phase with the angle turned at time 0; and the base
 #: for unit sine and for unit cosine of the phase, over the amplitude, m/N.
 (LINE_SIZE, LINE_RATE, LINE_PHASE, LINE_BASE_SINE, LINE_BASE_COSINE) = range(5)
-#: Rows of the series: X, and the force.
-_SERIES_X, _SERIES_FORCE = 0, 1
+#: Rows of the series: X, the force, and what a second integral divides by, inverted.
+_SERIES_X, _SERIES_FORCE, _SERIES_SHARE = range(3)
+#: A series to be written.
+NO_SERIES: Array = np.zeros((3, TERMS))
+NO_SERIES[_SERIES_SHARE] = [1.0 / ((n + 1) * (n + 2)) for n in range(TERMS)]
 #: What adds up: time, X, X^2, works of the force, of the active force and of the dashpot, J; b,
 #: b^2, X b, X''^2 and b''^2; and the largest |X|.
 (SUM_TIME, SUM_X, SUM_SQUARES, SUM_FORCE, SUM_ACTIVE, SUM_DASHPOT, SUM_BASE) = range(7)
@@ -107,31 +110,39 @@ def write_series(flight: Any, lines: Any, series: Any, span: float, since: float
         turn = rate * span
         even = size * sin(phase)
         odd = size * cos(phase) * turn
+        turn *= -turn
         for n in range(0, TERMS, 2):
             series[_SERIES_FORCE, n] += even
             series[_SERIES_FORCE, n + 1] += odd
-            even *= -turn * turn / ((n + 1) * (n + 2))
-            odd *= -turn * turn / ((n + 2) * (n + 3))
+            even *= turn * series[_SERIES_SHARE, n]
+            odd *= turn * series[_SERIES_SHARE, n + 1]
     dashpot = 2.0 * flight[FLIGHT_DECAY] * span
     spring = flight[FLIGHT_SQUARE] * span * span
     push = flight[FLIGHT_SHARE] * span * span
     constant = flight[FLIGHT_PUSH] * span * span
+    before = series[_SERIES_X, 0]
+    last = series[_SERIES_X, 1]
     for n in range(TERMS - 2):
-        rise = push * series[_SERIES_FORCE, n] + constant
+        # Products that do not wait for the term before
+        share = series[_SERIES_SHARE, n]
+        rise = (push * series[_SERIES_FORCE, n] + constant) * share - spring * share * before
         constant = 0.0
-        rise -= dashpot * (n + 1) * series[_SERIES_X, n + 1] + spring * series[_SERIES_X, n]
-        series[_SERIES_X, n + 2] = rise / ((n + 1) * (n + 2))
+        before = last
+        last = rise - dashpot * (n + 1) * share * last
+        series[_SERIES_X, n + 2] = last
 
 
 @kernel
-def series_sum(series: Any, row: int, place: float) -> tuple[float, float]:
-    """Return the sum of a series at a place in its piece, and its derivative."""
-    value = 0.0
+def sums_at(series: Any, place: float) -> tuple[float, float, float]:
+    """Return X at a place in its piece, its derivative by the place, and the force."""
+    x = 0.0
     slope = 0.0
+    force = 0.0
     for k in range(TERMS):
-        slope = slope * place + value
-        value = value * place + series[row, TERMS - 1 - k]
-    return value, slope
+        slope = slope * place + x
+        x = x * place + series[_SERIES_X, TERMS - 1 - k]
+        force = force * place + series[_SERIES_FORCE, TERMS - 1 - k]
+    return x, slope, force
 
 
 @kernel
@@ -139,8 +150,8 @@ def turning_size(series: Any, place: float) -> float:
     """Return the largest |X| at the turning point of a piece next to a place, and on the way."""
     largest = 0.0
     for _ in range(_NEWTON_STEPS):
-        value, slope = series_sum(series, _SERIES_X, place)
-        largest = max(largest, abs(value))
+        x, slope, _ = sums_at(series, place)
+        largest = max(largest, abs(x))
         bend = 0.0
         for k in range(TERMS - 2):
             n = TERMS - 1 - k
@@ -206,8 +217,7 @@ def integrate_flights(
             sums[SUM_TIME] += span
             for k in range(points.shape[1]):
                 weight = points[1, k] * span
-                here, slope = series_sum(series, _SERIES_X, points[0, k])
-                force, _ = series_sum(series, _SERIES_FORCE, points[0, k])
+                here, slope, force = sums_at(series, points[0, k])
                 if abs(here) > best:
                     best = abs(here)
                     place = points[0, k]
@@ -235,7 +245,7 @@ def integrate_flights(
                     sums[SUM_BASE + 3] += weight * rate * rate
                     sums[SUM_BASE + 4] += weight * base_rate * base_rate
                 sums[SUM_DASHPOT] += weight * damping * slip * slip
-            x, slope = series_sum(series, _SERIES_X, 1.0)
+            x, slope, _ = sums_at(series, 1.0)
             velocity = slope / span
             if abs(x) > best:
                 best = abs(x)
