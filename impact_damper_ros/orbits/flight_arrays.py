@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
-from impact_damper_ros.motion.kernels import call_kernel
+from impact_damper_ros.motion.kernels import call_kernel, has_numba, pack
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.quoting import plural
@@ -33,30 +33,26 @@ from .flight_integrals import (
     FLIGHT_ACTIVE,
     FLIGHT_BEGIN,
     FLIGHT_COLUMNS,
-    FLIGHT_DECAY,
     FLIGHT_LINE,
-    FLIGHT_PUSH,
-    FLIGHT_SHARE,
-    FLIGHT_SPAN,
-    FLIGHT_SPEED,
-    FLIGHT_SQUARE,
-    FLIGHT_X,
     GAUSS_POINTS,
+    LAW_COLUMNS,
     NO_SERIES,
     SUM_BASE,
     SUM_FORCE,
     SUM_LARGEST,
     Integrals,
     integrate_flights,
+    write_laws,
 )
 from .flights import Machine, machine_of
-from .multipliers import AWAY, FlightLaws
 from .response import Array, forced_response, unit_response
 
 Mask = NDArray[np.bool_]
 
 #: Kind of rows beside those of events: the state at some instant.
 STATE = 0
+#: Direction in which the air drives m, by the stop hit last.
+_AWAY: Array = np.array([0.0, -1.0, 1.0])
 
 
 def _mask_of(*kinds: EventKind) -> Mask:
@@ -115,6 +111,23 @@ def _together(rows: Events) -> Mask:
     latest = _last_known(decided, np.where(known, 0, kind).astype(np.int64))
     chatter: Mask = together | (coming & (latest == EventKind.IMPACT))
     return chatter
+
+
+class FlightLaws(NamedTuple):
+    """
+    The equations of motion in flights.
+
+    X'' = push + share F - 2 decay X' - stiffness X, with the force F on M; and Z'' = slide, where
+    m moves by itself.
+    """
+
+    decay: Array
+    damped: Array  # frequency of the free vibration, rad/s
+    stiffness: Array
+    push: Array
+    share: Array  # 1/kg
+    slide: Array
+    moves: Array  # 1 where m moves by itself, 0 where it moves as one with M
 
 
 class Drive(NamedTuple):
@@ -265,14 +278,22 @@ class Flights:
         return np.diff(self.rows['time'])
 
     @cached_property
+    def constants(self) -> Any:
+        """Constants of the rig for kernels that are called."""
+        constants = self.machine.constants
+        return pack(constants) if has_numba() else constants
+
+    @cached_property
+    def law_rows(self) -> Array:
+        """The equations of motion in them, as `write_laws` writes them."""
+        laws = np.empty((len(self), LAW_COLUMNS))
+        call_kernel(write_laws, self.rows, self.together, self.stop, self.constants, laws)
+        return laws
+
+    @cached_property
     def laws(self) -> FlightLaws:
         """The equations of motion in them, without the active force."""
-        relative = self.rows['damper_velocity_after'] - self.rows['primary_velocity_after']
-        rise = np.diff(self.rows['y'])
-        # Friction turns at rows alone; a release begins without velocity.
-        sign = np.sign(np.where(relative[:-1] != 0.0, relative[:-1], rise))
-        joint, away = self.together[:-1], AWAY[self.stop[:-1]]
-        return FlightLaws.of(self.machine.constants, joint, np.where(joint, 0.0, sign), away)
+        return FlightLaws(*self.law_rows.T)
 
     def drive_after(self) -> Drive | None:
         """Return the force at the last row."""
@@ -299,13 +320,6 @@ class Flights:
             since = line.frequency * (time - self.drive.time)
             force += line.force * np.sin(since + (line.phase + angle))
         return force
-
-    @cached_property
-    def _push_share(self) -> Array:
-        """Acceleration of M by a unit force on it, of each flight, 1/kg."""
-        joint = 1.0 - self.machine.constants.share
-        share: Array = np.where(self.laws.moves, 1.0, joint) / self.rig.primary_mass
-        return share
 
     @cached_property
     def _harmonics(self) -> tuple[tuple[float, ...], ...]:
@@ -340,8 +354,8 @@ class Flights:
     def motion(self, index: NDArray[np.intp], tau: Array) -> tuple[Array, Array, Array, Array]:
         """Return X, X', X'' and the force (N) in flights, times (s) after their beginnings."""
         assert self.drive is not None
-        begin, share = self.rows[:-1][index], self._push_share[index]
-        decay, damped, stiffness, push, _, _ = (part[index] for part in self.laws)
+        begin = self.rows[:-1][index]
+        decay, damped, stiffness, push, share, _, _ = self.law_rows[index].T
         push = push + share * self.active[index]
         less, impulse, slope = unit_response(decay, damped, tau)
         x_0, v_0 = begin['x'] - push / stiffness, begin['primary_velocity_after']
@@ -405,26 +419,20 @@ class Flights:
         columns = (inside.together, inside.stop, inside.first, angle, inside.active)
         return Flights(self.rig, rows, self.drive, *columns)
 
-    def _columns(self) -> Array:
-        """Return what `integrate_flights` is given of each flight."""
-        rows, laws, share = self.rows[:-1], self.laws, self._push_share
+    @cached_property
+    def columns(self) -> Array:
+        """What kernels are given of each flight beside its law."""
         assert self.drive is not None
         columns = np.empty((len(self), FLIGHT_COLUMNS))
-        columns[:, FLIGHT_DECAY] = laws.decay
-        columns[:, FLIGHT_SQUARE] = laws.stiffness
-        columns[:, FLIGHT_PUSH] = laws.push + share * self.active[:-1]
-        columns[:, FLIGHT_SHARE] = share
         columns[:, FLIGHT_ACTIVE] = self.active[:-1]
-        columns[:, FLIGHT_BEGIN] = rows['time'] - self.drive.time
-        columns[:, FLIGHT_SPAN] = self.spans
-        columns[:, FLIGHT_X] = rows['x']
-        columns[:, FLIGHT_SPEED] = rows['primary_velocity_after']
+        columns[:, FLIGHT_BEGIN] = self.starts - self.drive.time
         columns[:, FLIGHT_LINE : FLIGHT_LINE + 2] = self.first[:-1, :2]
         columns[:, FLIGHT_LINE + 2] = np.remainder(self.angle[:-1], math.tau) + self.first[:-1, 2]
         return columns
 
-    def _lines(self) -> Array:
-        """Return what `integrate_flights` is given of the harmonics."""
+    @property
+    def lines(self) -> Array:
+        """The harmonics, with the angles that they have turned at time 0 of the force."""
         assert self.drive is not None
         sizes, _, phases = self._harmonics
         base = np.zeros(len(sizes), complex)
@@ -453,7 +461,7 @@ class Flights:
         if self.drive is not None:
             rates = [rig.omega, *rig.harmonics[1]]
             fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
-            arrays = self._columns(), self._lines(), GAUSS_POINTS
+            arrays = rows, self.law_rows, self.columns, self.lines, GAUSS_POINTS
             numbers = fastest, rig.damping, shaken
             call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
         else:
@@ -464,7 +472,7 @@ class Flights:
         rise = np.diff(rows['y'])
         grip = self.machine.constants.grip * rig.damper_mass
         friction = grip * float(np.abs(rise[~self.together[:-1]]).sum())
-        air = rig.air_force * float(np.sum(AWAY[self.stop[:-1]] * rise))
+        air = rig.air_force * float(np.sum(_AWAY[self.stop[:-1]] * rise))
         hits = rows[1:]
         primary = _loss_of(hits, 'primary', rig.primary_mass)
         both = primary + _loss_of(hits, 'damper', rig.damper_mass)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Integrals over flights, and their largest |X|: kernels.
+Flights from row to row: their equations of motion, integrals over them, and their largest |X|.
 
 Each flight is cut into pieces. In a piece X is the Taylor series of the equation of motion about
 the beginning of the piece: its terms follow one from the other, and nothing cancels at resonance.
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from impact_damper_ros.motion.kernels import kernel
+from impact_damper_ros.motion.state import RigConstants
 
 from .response import Array
 from .transmissibility import Moments, Transmissibility
@@ -28,14 +29,15 @@ GAUSS_POINTS: Array = np.array([0.5 * (_NODES + 1.0), 0.5 * _GAUSS])
 #: A turning point is sought from points of this share of the largest |X|, in so many steps.
 _NEAR_LARGEST, _NEWTON_STEPS = 0.98, 6
 
-#: Columns of flights: constants a and w^2, constant acceleration, the share of the force over the
-#: mass that moves (1/kg), the active force (N), when it begins, how long it takes (s), X and X'
-#: then; and amplitude (N), frequency (rad/s) and phase (rad) of the first harmonic, including the
-#: angle that it has turned until then.
-(FLIGHT_DECAY, FLIGHT_SQUARE, FLIGHT_PUSH, FLIGHT_SHARE, FLIGHT_ACTIVE) = range(5)
-(FLIGHT_BEGIN, FLIGHT_SPAN, FLIGHT_X, FLIGHT_SPEED) = range(5, 9)
-FLIGHT_LINE = 9
-FLIGHT_COLUMNS = 12
+#: Columns of the equations of motion in flights, X'' = push + share F - 2 decay X' - square X with
+#: the force F: also the frequency of the free vibration (rad/s), Z'' = slide where m moves by
+#: itself, and 1 where it does, 0 where it moves as one with M.
+(LAW_DECAY, LAW_DAMPED, LAW_SQUARE, LAW_PUSH, LAW_SHARE, LAW_SLIDE, LAW_MOVES) = range(7)
+LAW_COLUMNS = 7
+#: Columns of flights: the active force (N), when they begin, and amplitude (N), frequency (rad/s)
+#: and phase (rad) of the first harmonic, including the angle that it has turned until then.
+(FLIGHT_ACTIVE, FLIGHT_BEGIN, FLIGHT_LINE) = range(3)
+FLIGHT_COLUMNS = 5
 #: Columns of harmonics: amplitude, frequency, phase with the angle turned at time 0; and the base
 #: for unit sine and for unit cosine of the phase, over the amplitude, m/N.
 (LINE_SIZE, LINE_RATE, LINE_PHASE, LINE_BASE_SINE, LINE_BASE_COSINE) = range(5)
@@ -85,6 +87,46 @@ class Integrals(NamedTuple):
 
 
 @kernel
+def write_laws(rows: Any, together: Any, stops: Any, constants: RigConstants, laws: Any) -> int:
+    """
+    Write the equations of motion of the flights between rows; return their number.
+
+    Given are also whether M and m move as one, and the stop hit last, from each row on. The active
+    force is no part of them.
+    """
+    share = constants.share
+    mass = constants.damper_mass / constants.mass_ratio
+    for k in range(len(laws)):
+        if together[k]:
+            laws[k, LAW_DECAY] = constants.joint.decay
+            laws[k, LAW_DAMPED] = constants.joint.frequency
+            laws[k, LAW_SQUARE] = constants.joint.omega_squared
+            laws[k, LAW_PUSH] = share * constants.slope
+            laws[k, LAW_SHARE] = (1.0 - share) / mass
+            laws[k, LAW_SLIDE] = 0.0
+            laws[k, LAW_MOVES] = 0.0
+            continue
+        relative = rows['damper_velocity_after'][k] - rows['primary_velocity_after'][k]
+        if relative == 0.0:
+            # Friction turns at rows alone; a release begins without velocity.
+            relative = rows['y'][k + 1] - rows['y'][k]
+        friction = 0.0
+        if relative != 0.0:
+            friction = constants.grip if relative > 0.0 else -constants.grip
+        air = 0.0
+        if stops[k] != 0:
+            air = constants.air if stops[k] == 2 else -constants.air
+        laws[k, LAW_DECAY] = constants.free.decay
+        laws[k, LAW_DAMPED] = constants.free.frequency
+        laws[k, LAW_SQUARE] = constants.free.omega_squared
+        laws[k, LAW_PUSH] = constants.mass_ratio * (friction - air)
+        laws[k, LAW_SHARE] = 1.0 / mass
+        laws[k, LAW_SLIDE] = constants.slope - friction + air
+        laws[k, LAW_MOVES] = 1.0
+    return len(laws)
+
+
+@kernel
 def harmonic_at(flight: Any, lines: Any, j: int, since: float) -> tuple[float, float, float]:
     """Return size (N), frequency (rad/s) and phase of a harmonic some time into a flight, s."""
     if j == 0:
@@ -96,7 +138,9 @@ def harmonic_at(flight: Any, lines: Any, j: int, since: float) -> tuple[float, f
 
 
 @kernel
-def write_series(flight: Any, lines: Any, series: Any, span: float, since: float) -> None:
+def write_series(
+    law: Any, flight: Any, lines: Any, series: Any, span: float, since: float
+) -> None:
     """
     Write the terms of X and of the force in a piece, whose first two of X are known.
 
@@ -116,10 +160,10 @@ def write_series(flight: Any, lines: Any, series: Any, span: float, since: float
             series[_SERIES_FORCE, n + 1] += odd
             even *= turn * series[_SERIES_SHARE, n]
             odd *= turn * series[_SERIES_SHARE, n + 1]
-    dashpot = 2.0 * flight[FLIGHT_DECAY] * span
-    spring = flight[FLIGHT_SQUARE] * span * span
-    push = flight[FLIGHT_SHARE] * span * span
-    constant = flight[FLIGHT_PUSH] * span * span
+    dashpot = 2.0 * law[LAW_DECAY] * span
+    spring = law[LAW_SQUARE] * span * span
+    push = law[LAW_SHARE] * span * span
+    constant = (law[LAW_PUSH] + law[LAW_SHARE] * flight[FLIGHT_ACTIVE]) * span * span
     before = series[_SERIES_X, 0]
     last = series[_SERIES_X, 1]
     for n in range(TERMS - 2):
@@ -183,6 +227,8 @@ def base_of_flight(flight: Any, lines: Any, since: float) -> tuple[float, float,
 
 @kernel
 def integrate_flights(
+    rows: Any,
+    laws: Any,
     flights: Any,
     lines: Any,
     points: Any,
@@ -199,19 +245,20 @@ def integrate_flights(
     dashpot, N s/m, and `shaken` whether a base moves.
     """
     for i in range(len(flights)):
+        law = laws[i]
         flight = flights[i]
-        length = flight[FLIGHT_SPAN]
+        length = rows['time'][i + 1] - rows['time'][i]
         pieces = max(1.0, ceil(length * fastest / _PIECE_ANGLE))
         span = length / pieces
-        x = flight[FLIGHT_X]
-        velocity = flight[FLIGHT_SPEED]
+        x = rows['x'][i]
+        velocity = rows['primary_velocity_after'][i]
         if not length > 0.0:
             pieces = 0.0
         for piece in range(int(pieces)):
             since = piece * span
             series[_SERIES_X, 0] = x
             series[_SERIES_X, 1] = velocity * span
-            write_series(flight, lines, series, span, since)
+            write_series(law, flight, lines, series, span, since)
             best = abs(x)
             place = 0.0
             sums[SUM_TIME] += span
@@ -235,10 +282,8 @@ def integrate_flights(
                     slip = speed - base_speed
                     # What the base does beside the force that stands for it: it drags the dashpot
                     sums[SUM_FORCE] += weight * damping * (slip * slip - speed * speed)
-                    rate = flight[FLIGHT_PUSH] + flight[FLIGHT_SHARE] * (
-                        force - flight[FLIGHT_ACTIVE]
-                    )
-                    rate -= 2.0 * flight[FLIGHT_DECAY] * speed + flight[FLIGHT_SQUARE] * here
+                    rate = law[LAW_PUSH] + law[LAW_SHARE] * force
+                    rate -= 2.0 * law[LAW_DECAY] * speed + law[LAW_SQUARE] * here
                     sums[SUM_BASE] += weight * base
                     sums[SUM_BASE + 1] += weight * base * base
                     sums[SUM_BASE + 2] += weight * here * base

@@ -22,13 +22,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.event import EventKind
-from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.motion.kernels import call_kernel, kernel
-from impact_damper_ros.motion.state import STICK
+from impact_damper_ros.motion.state import STICK, RigConstants
 
 from .flight_arrays import Flights
-from .multipliers import FlightLaws, U, V, X, Y, event_matrices, jumps, velocities_of
+from .flight_integrals import (
+    FLIGHT_ACTIVE,
+    LAW_DAMPED,
+    LAW_DECAY,
+    LAW_MOVES,
+    LAW_SQUARE,
+    harmonic_at,
+)
+from .multipliers import U, V, X, Y, write_event_matrix
 
 Array = NDArray[np.float64]
 
@@ -39,9 +45,11 @@ _STUDENT = 2.093
 
 
 @kernel
-def carry_by_flight(law: Any, span: float, columns: Any) -> None:
-    """Carry deviations, a column each, through a flight; its law is a row of `Deviations`."""
-    decay, damped, stiffness, moves, holds = law
+def carry_by_flight(law: Any, mode: int, span: float, columns: Any) -> None:
+    """Carry deviations, a column each, through a flight."""
+    decay = law[LAW_DECAY]
+    damped = law[LAW_DAMPED]
+    stiffness = law[LAW_SQUARE]
     less = expm1(-decay * span)
     half = 0.5 * damped * span
     envelope = 1.0 + less
@@ -55,13 +63,13 @@ def carry_by_flight(law: Any, span: float, columns: Any) -> None:
         v = columns[V, c]
         columns[X, c] = x + (less * x + impulse * v)
         columns[V, c] = slope * v - stiffness * impulse * x
-        if moves != 0.0:
+        if law[LAW_MOVES] != 0.0:
             rise = (span - impulse) * v - less * x
             columns[Y, c] += span * columns[U, c] + rise
             columns[U, c] += stiffness * impulse * x + (1.0 - slope) * v
         else:
             columns[U, c] = 0.0
-        if holds != 0.0:
+        if mode > STICK:
             # A stop leaves m no deviation
             columns[Y, c] = 0.0
 
@@ -105,14 +113,17 @@ def scaled_down(columns: Any, rate: float) -> float:
 
 @kernel
 def carry_deviations(
+    constants: RigConstants,
+    rows: Any,
     laws: Any,
-    instants: Any,
-    events: Any,
+    flights: Any,
+    lines: Any,
     start: float,
     ends: Any,
     anew: bool,
     rate: float,
     columns: Any,
+    matrix: Any,
     growth: Any,
     products: Any,
 ) -> int:
@@ -123,20 +134,30 @@ def carry_deviations(
     be. They begin each part `anew` as unit vectors, or go on from the one before.
     """
     now = start
-    k = 0
+    times = rows['time']
+    k = 1
+    while k < len(laws) and times[k] <= start:
+        k += 1
     for part in range(len(ends)):
         growth[part] = 0.0
         if anew:
             for i in range(4):
                 for c in range(4):
                     columns[i, c] = 1.0 if i == c else 0.0
-        while k < len(instants) and instants[k] <= ends[part]:
-            carry_by_flight(laws[k], instants[k] - now, columns)
-            carry_by_event(events[k], columns)
+        while k < len(laws) and times[k] <= ends[part]:
+            carry_by_flight(laws[k - 1], rows['mode'][k - 1], times[k] - now, columns)
+            force = 0.0
+            for j in range(len(lines)):
+                size, _, phase = harmonic_at(flights[k], lines, j, 0.0)
+                force += size * sin(phase)
+            before = force + flights[k - 1, FLIGHT_ACTIVE]
+            after = force + flights[k, FLIGHT_ACTIVE]
+            write_event_matrix(constants, rows, k, laws, before, after, matrix)
+            carry_by_event(matrix, columns)
             growth[part] += scaled_down(columns, rate)
-            now = instants[k]
+            now = times[k]
             k += 1
-        carry_by_flight(laws[k], ends[part] - now, columns)
+        carry_by_flight(laws[k - 1], rows['mode'][k - 1], ends[part] - now, columns)
         growth[part] += scaled_down(columns, rate)
         now = ends[part]
         for i in range(4):
@@ -147,23 +168,26 @@ def carry_deviations(
 
 @dataclass(frozen=True)
 class Deviations:
-    """What carries deviations of (X, X', Y, Y') through a part of a run."""
+    """
+    What carries deviations of (X, X', Y, Y') through a part of a run.
 
+    The run, whose rows have modes, may begin before the part and reach beyond it.
+    """
+
+    flights: Flights
     start: float  # s
     end: float
-    instants: Array  # of the events in it, s, shape (n,)
-    events: Array  # their saltation matrices, shape (n, 4, 4)
-    #: Of the flights before each event, and after the last: decay, frequency and stiffness of M,
-    #: whether m moves by itself, and whether a stop holds it; shape (n + 1, 5).
-    laws: Array
 
     def carry(
         self, ends: Array, columns: Array, rate: float, *, anew: bool = False
     ) -> tuple[Array, Array]:
         """Return deviations at the ends of parts, scaled to 1, and the logarithms of growths."""
         growth, products = np.zeros(len(ends)), np.zeros((len(ends), *columns.shape))
-        arguments = self.start, ends, anew, rate, columns.copy(), growth, products
-        call_kernel(carry_deviations, self.laws, self.instants, self.events, *arguments)
+        run = self.flights
+        call_kernel(
+            *(carry_deviations, run.constants, run.rows, run.law_rows, run.columns, run.lines),
+            *(self.start, ends, anew, rate, columns.copy(), np.empty((6, 4)), growth, products),
+        )
         return products, growth
 
 
@@ -178,51 +202,6 @@ class Exponent:
     def standard_error(self) -> float:
         """Standard error of the mean growth of the parts, 1/s."""
         return self.uncertainty / _STUDENT
-
-
-def deviations(flights: Flights, start: float, end: float) -> Deviations:
-    """
-    Return the matrices of a stretch of a run from `start` to `end`, s.
-
-    The run, whose rows have modes, may begin before the stretch and reach beyond it.
-    """
-    constants, laws, rows = flights.machine.constants, flights.laws, flights.rows
-    events = rows[1:-1]
-    time, kind, stop = events['time'], events['kind'], events['stop']
-    impact = kind == EventKind.IMPACT
-    modes, joint = rows['mode'][:-1], flights.together[:-1]
-    push, force = flights.active[:-1] / flights.rig.primary_mass, flights.force(time)
-
-    def rates(flight: slice, side: str) -> Array:
-        """Return the rates of the state at the events, in the flights before or after them."""
-        velocity, relative = velocities_of(events, side, joint[flight], constants.share)
-        drive = (force + push[flight]) * np.where(joint[flight], 1.0 - constants.share, 1.0)
-        along = FlightLaws(*(part[flight] for part in laws))
-        return along.rates(events['x'], velocity, relative, drive)
-
-    restitution = np.where(stop == 1, constants.restitution_1, constants.restitution_2)
-    halts = np.isin(kind, (EventKind.REVERSAL, EventKind.STICK, EventKind.REST))
-    # Plastic, or the cut of a chatter: all the impacts to come are one
-    restitution = np.where(joint[1:], 0.0, restitution)
-    approach = events['damper_velocity_before'] - events['primary_velocity_before']
-    _, slope = bounce(constants, restitution, np.abs(approach))
-    matrices = event_matrices(
-        jumps(constants.share, impact, slope),
-        impact,
-        rates(slice(0, -1), 'before'),
-        rates(slice(1, None), 'after'),
-        impact | halts,
-    )
-    inside = (time > start) & (time <= end)
-    first = int(np.count_nonzero(time <= start))
-    part = slice(first, first + int(inside.sum()) + 1)
-    return Deviations(
-        start=start,
-        end=end,
-        instants=time[inside],
-        events=matrices[inside],
-        laws=np.column_stack([*laws[:3], laws.moves, modes > STICK])[part],
-    )
 
 
 def monodromy_of(along: Deviations, ends: Array) -> Array:

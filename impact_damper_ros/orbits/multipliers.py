@@ -17,21 +17,29 @@ References
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.impact import rebound_slopes
+from impact_damper_ros.motion.event import IMPACT, REST_EVENT, REVERSAL_EVENT, STICK_EVENT
+from impact_damper_ros.motion.impact import bounce, rebound_slopes
+from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.motion.state import RigConstants
 from impact_damper_ros.rig.run_result import Events
 
+from .flight_integrals import (
+    LAW_DECAY,
+    LAW_MOVES,
+    LAW_PUSH,
+    LAW_SHARE,
+    LAW_SLIDE,
+    LAW_SQUARE,
+)
 from .response import Array
 
 Mask = NDArray[np.bool_]
 X, V, Y, U = range(4)
-#: The direction in which the air drives m, by the stop hit last, or 0.
-AWAY: Array = np.array([0.0, -1.0, 1.0])
 
 
 def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple[Array, Array]:
@@ -48,92 +56,83 @@ def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple
     )
 
 
-class FlightLaws(NamedTuple):
+@kernel
+def write_rates(
+    law: Any, side: Any, force: float, x: float, velocity: float, relative: float
+) -> None:
+    """Write the rates of a state in a flight, given its law and the force on M, N."""
+    acceleration = law[LAW_PUSH] + law[LAW_SHARE] * force
+    acceleration -= 2.0 * law[LAW_DECAY] * velocity + law[LAW_SQUARE] * x
+    side[X] = velocity
+    side[V] = acceleration
+    side[Y] = law[LAW_MOVES] * relative
+    side[U] = law[LAW_MOVES] * (law[LAW_SLIDE] - acceleration)
+
+
+@kernel
+def write_event_matrix(
+    constants: RigConstants,
+    rows: Any,
+    k: int,
+    laws: Any,
+    force_before: float,
+    force_after: float,
+    matrix: Any,
+) -> None:
     """
-    The equations of motion in flights.
+    Write the matrix that carries deviations through the event of a row.
 
-    X'' = push + force - 2 decay X' - stiffness X, where the force is that over the mass which
-    moves; and Z'' = slide, where m moves by itself.
+    The forces are those on M, N, and the laws those of all flights. Rows of the matrix beyond the
+    fourth are room for the rates before and after. At an event that is no
+    impact, the relative velocity becomes zero. What happens at its own time does not move with a
+    deviation; where m was held, its relative acceleration is zero, and a deviation does not move
+    the instant either.
     """
-
-    decay: Array
-    damped: Array  # frequency of the free vibration, rad/s
-    stiffness: Array
-    push: Array
-    slide: Array
-    moves: Array  # 1 where m moves by itself, 0 where it moves as one with M
-
-    @classmethod
-    def of(
-        cls,
-        constants: RigConstants,
-        joint: Mask,
-        direction: Array,
-        away: Array,
-    ) -> Self:
-        """
-        Return the laws of flights.
-
-        Given are whether M and m move as one, the paper's lambda, and the direction in which the
-        air drives m.
-        """
-        friction, air = direction * constants.grip, away * constants.air
-        moves = np.where(joint, 0.0, 1.0)
-        decay, damped, stiffness = (
-            np.where(joint, getattr(constants.joint, name), getattr(constants.free, name))
-            for name in ('decay', 'frequency', 'omega_squared')
-        )
-        return cls(
-            *(decay, damped, stiffness),
-            np.where(
-                joint, constants.share * constants.slope, constants.mass_ratio * (friction - air)
-            ),
-            moves * (constants.slope - friction + air),
-            moves,
-        )
-
-    def rates(self, x: Array, velocity: Array, relative: Array, force: Array) -> Array:
-        """Return the rates (..., n, 4) of states."""
-        acceleration = self.push - 2.0 * self.decay * velocity - self.stiffness * x + force
-        rates = np.empty((*x.shape, 4))
-        rates[..., X], rates[..., V] = velocity, acceleration
-        rates[..., Y] = self.moves * relative
-        rates[..., U] = self.moves * (self.slide - acceleration)
-        return rates
-
-
-def jumps(share: float, impact: Mask, slopes: Array) -> Array:
-    """
-    Return the derivative (n, 4, 4) of the state after events by that before them.
-
-    The slopes are those of `impact.bounce` at the impacts.
-    """
-    jump = np.zeros((len(impact), 4, 4))
-    jump[:, range(4), range(4)] = 1.0
-    slide, stay = rebound_slopes(share, slopes)
-    jump[:, V, U] = np.where(impact, slide, 0.0)
-    jump[:, U, U] = np.where(impact, stay, 1.0)
-    return jump
-
-
-def event_matrices(
-    jump: Array, impact: Mask, before: Array, after: Array, crosses: Mask | bool = True
-) -> Array:
-    """
-    Return the matrices (n, 4, 4) that carry deviations through events.
-
-    At an event that is no impact, the relative velocity becomes zero. The rates are those just
-    before and after. `crosses` is False at what happens at its own time; where m was held, its
-    relative acceleration is zero, and a deviation does not move the instant either.
-    """
-    normal = np.where(impact, Y, U)
-    across = np.where(impact, before[:, Y], before[:, U])
-    crosses = crosses & (across != 0.0)
-    rise = after - (jump @ before[:, :, None])[..., 0]
-    rise *= (crosses / np.where(crosses, across, 1.0))[:, None]
-    matrices = jump.copy()
-    matrices[np.arange(len(impact)), :, normal] += rise
-    return matrices
+    kind = rows['kind'][k]
+    impact = kind == IMPACT
+    slide = 0.0
+    stay = 1.0
+    if impact:
+        restitution = constants.restitution_1 if rows['stop'][k] == 1 else constants.restitution_2
+        if laws[k, LAW_MOVES] == 0.0:
+            # Plastic, or the cut of a chatter: all the impacts to come are one
+            restitution = 0.0
+        approach = rows['damper_velocity_before'][k] - rows['primary_velocity_before'][k]
+        _, slope = bounce(constants, restitution, abs(approach))
+        slide, stay = rebound_slopes(constants.share, slope)
+    for side in range(2):
+        if side == 0:
+            force = force_before
+            velocity = rows['primary_velocity_before'][k]
+            relative = rows['damper_velocity_before'][k] - velocity
+        else:
+            force = force_after
+            velocity = rows['primary_velocity_after'][k]
+            relative = rows['damper_velocity_after'][k] - velocity
+        law = laws[k - 1 + side]
+        if law[LAW_MOVES] == 0.0:
+            # In the rest of a chatter, whose impacts are not resolved, both have one velocity
+            velocity += constants.share * relative
+        write_rates(law, matrix[4 + side], force, rows['x'][k], velocity, relative)
+    before = matrix[4]
+    after = matrix[5]
+    normal = Y if impact else U
+    crosses = impact or kind in (REVERSAL_EVENT, STICK_EVENT, REST_EVENT)
+    for i in range(4):
+        for j in range(4):
+            matrix[i, j] = 1.0 if i == j else 0.0
+    matrix[V, U] = slide
+    matrix[U, U] = stay
+    if crosses and before[normal] != 0.0:
+        across = before[normal]
+        drop = before[U]
+        for i in range(4):
+            rate = before[i]
+            if i == V:
+                rate += slide * drop
+            elif i == U:
+                rate = stay * drop
+            matrix[i, normal] += (after[i] - rate) / across
 
 
 def multipliers_of(matrix: Array) -> tuple[complex, ...]:

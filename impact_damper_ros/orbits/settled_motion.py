@@ -19,7 +19,7 @@ from impact_damper_ros.rig.run_result import Events, Outcome
 
 from .flight_arrays import Drive, Flights, row_of_rig, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
-from .lyapunov import Deviations, Exponent, deviations, growth_exponent, monodromy_of
+from .lyapunov import Deviations, Exponent, growth_exponent, monodromy_of
 from .multipliers import multipliers_of
 from .orbit import PeriodicOrbit, Rhythm
 from .recurrence import (
@@ -247,11 +247,11 @@ class SettledMotion:
 
     def deviations(self, start: float, end: float) -> Deviations:
         """
-        Return the matrices that carry deviations from one watched time to another, s.
+        Return what carries deviations from one watched time to another, s.
 
-        They hold for stops that do not move.
+        It holds for stops that do not move.
         """
-        return deviations(self._flights, start, end)
+        return Deviations(self._flights, start, end)
 
 
 def _kept_quiet(phases: Array, before: float) -> float:
