@@ -120,14 +120,20 @@ def rows_of(cls: Any, shape: int | tuple[int, ...], **columns: Any) -> Any:
     return rows
 
 
+def _itself(values: Any) -> Any:
+    return values
+
+
 @cache
 def reader_of(cls: Any) -> Callable[[Any], Any]:
     """Return what reads the numbers of an object of a class."""
     if is_dataclass(cls):
         return attrgetter(*(field.name for field in fields(cls)))
-    if not hasattr(cls, '_fields'):
-        return lambda number: number
-    readers = [reader_of(kind) for kind in get_type_hints(cls).values()]
+    kinds = get_type_hints(cls).values() if hasattr(cls, '_fields') else ()
+    readers = [reader_of(kind) for kind in kinds]
+    if all(read is _itself for read in readers):
+        # numpy reads numbers, and named tuples of them, as they are
+        return _itself
     return lambda values: tuple(read(v) for read, v in zip(readers, values, strict=True))
 
 

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
-from impact_damper_ros.motion.kernels import call_kernel, has_numba, pack
+from impact_damper_ros.motion.kernels import call_kernel
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.run_result import Events, Outcome
+from impact_damper_ros.rig.run_result import Events, Outcome, joined
 from impact_damper_ros.rig.runaway import RunawayError
 
 from .flight_integrals import (
@@ -44,7 +44,7 @@ from .flight_integrals import (
     integrate_flights,
     write_laws,
 )
-from .flights import Machine, machine_of
+from .flights import Machine, machine_of, packed_constants
 from .response import Array, forced_response, unit_response
 
 Mask = NDArray[np.bool_]
@@ -278,16 +278,12 @@ class Flights:
         return np.diff(self.rows['time'])
 
     @cached_property
-    def constants(self) -> Any:
-        """Constants of the rig for kernels that are called."""
-        constants = self.machine.constants
-        return pack(constants) if has_numba() else constants
-
-    @cached_property
     def law_rows(self) -> Array:
         """The equations of motion in them, as `write_laws` writes them."""
         laws = np.empty((len(self), LAW_COLUMNS))
-        call_kernel(write_laws, self.rows, self.together, self.stop, self.constants, laws)
+        call_kernel(
+            write_laws, self.rows, self.together, self.stop, packed_constants(self.rig), laws
+        )
         return laws
 
     @cached_property
@@ -558,7 +554,7 @@ class FlightStart(NamedTuple):
 
     def flights(self, rig: Rig, events: Events) -> Flights:
         """Return the flights to the present state of the rig, given all events on the way."""
-        rows = np.concatenate([self.row, events, row_of_rig(rig)])
+        rows = joined(self.row, events, row_of_rig(rig))
         return Flights.between(rig.parameters, rows, self.drive, active=self.active)
 
 

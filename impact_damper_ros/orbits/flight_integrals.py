@@ -9,13 +9,20 @@ Integrals are those of Gauss, exact to round-off; the largest |X| is at a turnin
 
 from __future__ import annotations
 
-from math import ceil, cos, sin
+from math import ceil, cos, inf, sin
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.motion.event import (
+    CROSSING,
+    IMPACT,
+    REST_EVENT,
+    REVERSAL_EVENT,
+    STOP_ARRIVED,
+)
 from impact_damper_ros.motion.kernels import kernel
-from impact_damper_ros.motion.state import RigConstants
+from impact_damper_ros.motion.state import CHATTER_1, RigConstants
 
 from .response import Array
 from .transmissibility import Moments, Transmissibility
@@ -299,3 +306,37 @@ def integrate_flights(
             if best >= _NEAR_LARGEST * sums[SUM_LARGEST]:
                 sums[SUM_LARGEST] = max(sums[SUM_LARGEST], turning_size(series, place))
     return len(flights)
+
+
+@kernel
+def chatter_time(rows: Any, start: float, end: float) -> float:
+    """Add up the time from start to end that m spends in complete chatters."""
+    total = 0.0
+    # Impacts on one stop that follow one another ever faster: when the first and the last was
+    first = last = 0.0
+    apart = inf
+    stop = 0
+    cut = False
+    for k in range(len(rows)):
+        kind = rows['kind'][k]
+        time = rows['time'][k]
+        if kind in (REVERSAL_EVENT, CROSSING, STOP_ARRIVED):
+            # They may fall within a chatter without ending it
+            continue
+        if kind != IMPACT:
+            # A single impact is none, unless further ones are not resolved
+            if kind == REST_EVENT and stop != 0 and (cut or first < last):
+                total += max(0.0, min(time, end) - max(first, start))
+            stop = 0
+            continue
+        if rows['stop'][k] != stop:
+            first = time
+            apart = inf
+        else:
+            if not time - last < apart:
+                first = last
+            apart = time - last
+        last = time
+        stop = rows['stop'][k]
+        cut = rows['mode'][k] >= CHATTER_1
+    return min(max(total, 0.0), end - start)

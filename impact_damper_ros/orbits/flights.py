@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from impact_damper_ros.motion.flight import (
     Motion,
@@ -19,6 +19,7 @@ from impact_damper_ros.motion.flight import (
     starting_motion,
 )
 from impact_damper_ros.motion.impact import strike
+from impact_damper_ros.motion.kernels import has_numba, pack
 from impact_damper_ros.motion.oscillator import Line
 from impact_damper_ros.motion.state import (
     REST_1,
@@ -51,6 +52,13 @@ class Machine(NamedTuple):
 def machine_of(parameters: RigParameters) -> Machine:
     """Return the constants of a rig, which must not be changed."""
     return Machine(*constants_of(parameters))
+
+
+@lru_cache(maxsize=64)
+def packed_constants(parameters: RigParameters) -> Any:
+    """Return the constants of a rig for kernels that are called, which must not be changed."""
+    constants = machine_of(parameters).constants
+    return pack(constants) if has_numba() else constants
 
 
 @dataclass(frozen=True)

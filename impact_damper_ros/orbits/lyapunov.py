@@ -34,6 +34,7 @@ from .flight_integrals import (
     LAW_SQUARE,
     harmonic_at,
 )
+from .flights import packed_constants
 from .multipliers import U, V, X, Y, write_event_matrix
 
 Array = NDArray[np.float64]
@@ -183,9 +184,9 @@ class Deviations:
     ) -> tuple[Array, Array]:
         """Return deviations at the ends of parts, scaled to 1, and the logarithms of growths."""
         growth, products = np.zeros(len(ends)), np.zeros((len(ends), *columns.shape))
-        run = self.flights
+        run, constants = self.flights, packed_constants(self.flights.rig)
         call_kernel(
-            *(carry_deviations, run.constants, run.rows, run.law_rows, run.columns, run.lines),
+            *(carry_deviations, constants, run.rows, run.law_rows, run.columns, run.lines),
             *(self.start, ends, anew, rate, columns.copy(), np.empty((6, 4)), growth, products),
         )
         return products, growth

@@ -19,6 +19,7 @@ from impact_damper_ros.control.own_law import Law, LawError, OwnLaw
 from impact_damper_ros.control.state import Control, Measurement
 from impact_damper_ros.measured.record import BASE_RECORD, MeasuredRecord
 from impact_damper_ros.motion.event import (
+    ROWS_AT_ONCE,
     Event,
     EventRow,
     Sample,
@@ -119,10 +120,8 @@ class RigState:
         self._present = rig_at(self._parameters, self._sweep.step)
         self._constants, self._lines = constants_of(self._present)
         self._packed: Any = None
-        self._scratch = (
-            [EventRow() for _ in range(_PLAIN_ROWS)],
-            [ActRow() for _ in range(_PLAIN_ROWS)],
-        )
+        count = ROWS_AT_ONCE if self.compiled else _PLAIN_ROWS
+        self._scratch = [EventRow() for _ in range(count)], [ActRow() for _ in range(count)]
 
     def _play(self, playbacks: Sequence[Playback]) -> None:
         """Let measured records act."""

@@ -33,8 +33,21 @@ FIRST_ROWS = 4096
 _LARGE = 2**22 // EVENT_TYPE.itemsize + 1
 _MOST_AHEAD = 1_000_000
 Events = npt.NDArray[np.void]
+_BYTES = np.dtype((np.void, EVENT_TYPE.itemsize))
 _row_fields = attrgetter(*EventRow.__dataclass_fields__)
 _NO_ROWS = np.empty(0, dtype_of(EventRow))
+
+
+def joined(*tables: Events) -> Events:
+    """Return the rows of tables one after another; numpy alone copies field by field."""
+    rows: Events = np.concatenate([table.view(_BYTES) for table in tables]).view(EVENT_TYPE)
+    return rows
+
+
+def rows_where(chosen: npt.NDArray[np.bool_], table: Events) -> Events:
+    """Return some rows of a table, ten times as fast as an index by booleans."""
+    rows: Events = table.take(np.flatnonzero(chosen))
+    return rows
 
 
 class Outcome(IntEnum):
@@ -120,11 +133,7 @@ class RunResult(NamedTuple):
         chosen = self.events['kind'] == EventKind.IMPACT
         if stop:
             chosen &= self.events['stop'] == stop
-        if chosen.all():
-            return self.events
-        # Ten times as fast as an index by booleans, with rows of this size
-        impacts: Events = self.events.take(np.flatnonzero(chosen))
-        return impacts
+        return self.events if chosen.all() else rows_where(chosen, self.events)
 
 
 class RunTables:

@@ -98,9 +98,9 @@ def rig_row(
     settings: Mapping[Varied, float],
     state: State | None = None,
     halted: Callable[[], bool] = _never,
-) -> tuple[Row, State | None]:
+) -> tuple[Row, Rig | None]:
     """
-    Run one rig of a sweep; return its columns and last state.
+    Run one rig of a sweep; return its columns, and the rig where it is then.
 
     It starts from the last state of another rig, if one is given. Only what a rig does becomes a
     row: other errors are those of the program.
@@ -115,11 +115,10 @@ def rig_row(
         row = steady_state(rig, settling, halted)
     except (ParameterError, RunawayError, LawError, OverflowError) as error:
         return failed_row(str(error)), None
-    last = rig.snapshot()
     if control.active:
         # The section holds nothing of the control
-        row['state'] = json.dumps(last, separators=(',', ':'))
-    return row, last
+        row['state'] = json.dumps(rig.snapshot(), separators=(',', ':'))
+    return row, rig
 
 
 class WorkersError(RuntimeError):
@@ -158,7 +157,7 @@ def run_task(task: Task, halted: Callable[[], bool] = _never) -> Rows:
             break
         rows.append((point, row))
         if task.follow and last is not None:
-            state = last
+            state = last.snapshot()
         if time.monotonic() >= until:
             break
     return rows, state

@@ -12,6 +12,7 @@ import fcntl
 import json
 import os
 import stat
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -25,6 +26,8 @@ from .table import MetadataError
 #: What a run depends on from here on, as its `snapshot` gives it.
 State = dict[str, Any]
 _MOST_LINES = 12
+#: Time from one flush to the disk to the next, s.
+_SYNC_SECONDS = 0.5
 
 
 def other_inputs(stored: dict[str, Any], asked: dict[str, Any]) -> str:
@@ -76,6 +79,7 @@ class PartFile:
         self._states: dict[int, State | None] = {}
         self._path = path
         self._file: int | None = None
+        self._sync_from = 0.0
         if path is None:
             return
         self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
@@ -137,7 +141,7 @@ class PartFile:
             os.ftruncate(self._file, len(content) - len(rest))
 
     def add(self, rows: Sequence[tuple[int, Row]], state: State | None) -> None:
-        """Add rigs, and the state after the last of them; all are on disk once this returns."""
+        """Add rigs, and the state after the last of them; a power cut loses half a second."""
         self._append(_line([rows, state]))
         self.rows |= dict(rows)
         self._states[rows[-1][0]] = state
@@ -151,7 +155,9 @@ class PartFile:
         if self._file is not None:
             while line:
                 line = line[os.write(self._file, line) :]
-            os.fsync(self._file)
+            if time.monotonic() >= self._sync_from:
+                os.fsync(self._file)
+                self._sync_from = time.monotonic() + _SYNC_SECONDS
 
     def delete(self) -> None:
         """Delete the file, since its table is written."""
@@ -161,8 +167,11 @@ class PartFile:
     def close(self) -> None:
         """Close and unlock the file, which stays."""
         if self._file is not None:
-            os.close(self._file)
-            self._file = None
+            try:
+                os.fsync(self._file)
+            finally:
+                os.close(self._file)
+                self._file = None
 
     def __enter__(self) -> Self:
         return self

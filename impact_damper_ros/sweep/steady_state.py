@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EventKind
-from impact_damper_ros.motion.state import CHATTER_1, Mode
+from impact_damper_ros.motion.kernels import call_kernel
+from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.orbits.flight_arrays import FlightStart
+from impact_damper_ros.orbits.flight_integrals import chatter_time
 from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.settled_motion import (
     SettledMotion,
@@ -30,7 +32,7 @@ from impact_damper_ros.parameters.parameter_spec import (
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.rig.loop import CYCLES_OF_A_LOOK
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.run_result import Events, Outcome, RunResult
+from impact_damper_ros.rig.run_result import Events, Outcome, RunResult, joined, rows_where
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
 
@@ -72,35 +74,6 @@ class Settling:
             object.__setattr__(self, name, whole_number(name, getattr(self, name), low, high))
         tolerance = number_between('tolerance', self.tolerance, 1e-12, 1e-2)
         object.__setattr__(self, 'tolerance', tolerance)
-
-
-#: Events that may fall within a chatter without ending it.
-_WITHIN_CHATTER = (EventKind.REVERSAL, EventKind.CROSSING, EventKind.STOP_ARRIVED)
-
-
-def _chatter_time(events: Events, start: float, end: float) -> float:
-    """Add up the time that m spends in complete chatters."""
-    total = 0.0
-    if not (events['kind'] == EventKind.REST).any():
-        return total
-    considered = events[~np.isin(events['kind'], _WITHIN_CHATTER)]
-    time, stop = considered['time'], considered['stop']
-    impact = considered['kind'] == EventKind.IMPACT
-    for rest in np.flatnonzero(considered['kind'] == EventKind.REST).tolist():
-        # Back to the first of the impacts that follow one another ever faster
-        first = last = rest - 1
-        while (
-            first > 0
-            and impact[first - 1]
-            and stop[first - 1] == stop[last]
-            and (first == last or time[first] - time[first - 1] > time[first + 1] - time[first])
-        ):
-            first -= 1
-        # A single impact is none, unless further ones are not resolved
-        cut = considered['mode'][last] >= CHATTER_1
-        if last >= 0 and impact[last] and (cut or first < last):
-            total += max(0.0, min(time[rest], end) - max(time[first], start))
-    return float(np.clip(total, 0.0, end - start))
 
 
 #: Least frequency of the force, over the natural one.
@@ -154,10 +127,10 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
-    around = np.concatenate([found.events, result.events, after.events])
+    around = joined(found.events, result.events, after.events)
     impacts = result.impacts()
     kept = period or min(settling.section, cycles)
-    hits = impacts[impacts['time'] > end - kept * cycle]
+    hits = rows_where(impacts['time'] > end - kept * cycle, impacts)
     if not period:
         hits = hits[-2 * settling.section :]
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
@@ -187,7 +160,7 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'largest_multiplier': _known_or_none(found.multiplier),
         'stick_share': float(spent[Mode.STICK]),
         'rest_share': float(spent[Mode.REST_1] + spent[Mode.REST_2]),
-        'chatter_share': _chatter_time(around, found.end, end) / (end - found.end),
+        'chatter_share': call_kernel(chatter_time, around, found.end, end) / (end - found.end),
         'events': found.event_count + result.event_count,
         **dict(zip(SECTION, section, strict=True)),
         'impact_stop': hits['stop'].tolist(),

@@ -265,15 +265,15 @@ def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
     columns, known = columns_of(grid), list(rows)
     found = {one.name: [row.get(one.name) for row in known] for one in columns} | grid.columns()
     series = {name: _series(kind, found[name]) for name, kind, *_ in columns}
-    table = _describe(pd.DataFrame(series), grid)
+    table = pd.DataFrame(series)
     if len(grid.directions) == 1 and not any(axis.initial for axis in grid.axes):
         # A rig has one row
         table['attractor'] = table.ok.astype('Int64').where(table.ok) * 0
-        return table
+        return _describe(table, grid)
     names = [str(one) for axis in grid.axes if not axis.initial for one in axis.varied]
     for _, rig in table.groupby(names) if names else [((), table)]:
         table.loc[rig.index, 'attractor'] = pd.array(attractor_numbers(rig), dtype='Int64')
-    return table
+    return _describe(table, grid)
 
 
 _CSV_TITLE = '# Steady states of an impact damper. In pandas: read_csv(file, comment="#")'

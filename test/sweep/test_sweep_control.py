@@ -103,7 +103,8 @@ def test_rows_of_varied_control():
 
 def test_followed_rigs_take_over_rig_and_control():
     grid = grid_of(gap_control_park=[1.4, 1.6], follow='up')
-    row, state = rig_row(grid.setup, {})
+    row, rig = rig_row(grid.setup, {})
+    state = rig.snapshot()
     # After the period that was measured and the cycle after it
     assert state['time'] == pytest.approx(math.tau * (row['settling_cycles'] + 2))
     assert state['gap_control']['state']['roused'] is True
@@ -140,8 +141,8 @@ def test_rigs_move_their_stops_by_a_law_of_the_users_own():
     assert Grid.from_inputs(json.loads(json.dumps(grid.inputs()))) == grid
     row, last = rig_row(grid.setup, {})
     rig = Rig(TRIAL, START, control=TIMED, law=laws.follow)
-    rig.advance(last['time'])
-    assert rig.snapshot()['gap_control'] == last['gap_control']
+    rig.advance(last.time)
+    assert rig.snapshot()['gap_control'] == last.snapshot()['gap_control']
     assert row['cycles'] == 1
     assert row['x_max'] / TRIAL.response_amplitude < 1.2 * IDEAL
 
