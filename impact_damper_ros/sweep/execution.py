@@ -15,6 +15,7 @@ import logging
 import os
 import queue
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -27,6 +28,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
 )
 from contextlib import contextmanager
+from importlib import import_module
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait as wait_for
 from pathlib import Path
@@ -165,6 +167,8 @@ def run_task(task: Task, halted: Callable[[], bool] = _never) -> Rows:
 
 #: Most threads or processes.
 MOST_JOBS = 1024
+#: Time after which a thread hands on the lock of the interpreter, s.
+_SWITCH_SECONDS = 2e-4
 
 
 def _begin_worker() -> None:
@@ -189,12 +193,17 @@ def _workers(grid: Grid, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
         # Ctrl-C ends what is compiled here, but not in a thread
         brief = setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
         rig_row(brief, grid.settings(grid.values(0)))
-        halted = threading.Event()
+        halted, interval = threading.Event(), sys.getswitchinterval()
+        # A thread that comes back from compiled code would wait for the lock longer than it ran
+        sys.setswitchinterval(_SWITCH_SECONDS)
         with ThreadPoolExecutor(jobs) as threads:
+            # Which makes the table, and takes as long to load as some rigs
+            threads.submit(import_module, 'pandas')
             try:
                 yield threads, lambda task: run_task(task, halted.is_set)
             finally:
                 halted.set()
+                sys.setswitchinterval(interval)
         return
     why = f'the law {setup.law} is plain Python' if has_numba() else 'there is no numba'
     _log.warning('%s, which takes one processor: the rigs run in %d processes', why, jobs)

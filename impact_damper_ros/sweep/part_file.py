@@ -14,6 +14,7 @@ import os
 import stat
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -167,11 +168,10 @@ class PartFile:
     def close(self) -> None:
         """Close and unlock the file, which stays."""
         if self._file is not None:
-            try:
+            with suppress(OSError):
                 os.fsync(self._file)
-            finally:
-                os.close(self._file)
-                self._file = None
+            os.close(self._file)
+            self._file = None
 
     def __enter__(self) -> Self:
         return self

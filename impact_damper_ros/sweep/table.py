@@ -13,7 +13,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable
-from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
@@ -372,11 +372,10 @@ def check_format(path: Path | None) -> None:
     """Raise ImportError if pandas, which makes the table, or for Parquet pyarrow is missing."""
     needed = ['pandas'] if path is None or _is_csv(path) else ['pandas', 'pyarrow']
     for name in needed:
-        try:
-            import_module(name)
-        except ImportError as error:
+        # Imported later, beside the rigs that run
+        if not find_spec(name):
             raise ImportError(
-                f'{name}, which makes the table of a sweep, cannot be imported ({error}): install '
-                f'it with "pip install {name}", or the package with its extra [sweep]'
+                f'{name}, which makes the table of a sweep, is not installed: install it with '
+                f'"pip install {name}", or the package with its extra [sweep]'
                 + (', or give the table a name that ends in .csv' if name == 'pyarrow' else '')
-            ) from error
+            )
