@@ -26,7 +26,7 @@ from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.run_result import Events, Outcome, joined
+from impact_damper_ros.rig.run_result import Events, Outcome, one_table
 from impact_damper_ros.rig.runaway import RunawayError
 
 from .flight_integrals import (
@@ -554,7 +554,7 @@ class FlightStart(NamedTuple):
 
     def flights(self, rig: Rig, events: Events) -> Flights:
         """Return the flights to the present state of the rig, given all events on the way."""
-        rows = joined(self.row, events, row_of_rig(rig))
+        rows = one_table(self.row, events, row_of_rig(rig))
         return Flights.between(rig.parameters, rows, self.drive, active=self.active)
 
 

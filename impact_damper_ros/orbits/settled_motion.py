@@ -15,7 +15,7 @@ from impact_damper_ros.parameters.parameter_spec import check_kind, whole_number
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.run_result import Events, Outcome, joined, rows_where
+from impact_damper_ros.rig.run_result import Events, Outcome, one_table, rows_where
 
 from .flight_arrays import Drive, Flights, row_of_rig, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
@@ -196,7 +196,7 @@ class SettledMotion:
     @cached_property
     def _flights(self) -> Flights:
         """The cycles that were watched."""
-        rows = joined(self._first, self.events, self._last)
+        rows = one_table(self._first, self.events, self._last)
         # The steps of a swept force are not known
         drive = self._drive if self.parameters.sweep_mode == 'off' else None
         return Flights.between(self.parameters, rows, drive, active=self._active)
@@ -323,7 +323,7 @@ class _SettlingRig:
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
         if size < _SMALL * self._static:
             # M may pass zero at the ends of all cycles
-            rows = joined(first, result.events, self.last)
+            rows = one_table(first, result.events, self.last)
             flights = Flights.between(self.parameters, rows, self.drive, active=active)
             size += flights.cut(self.time, math.inf).integrals()[1]
         # A rig without force has settled once next to nothing of its start is left
@@ -372,7 +372,7 @@ class _SettlingRig:
             start=self.start,
             turned=self.turned / math.tau,
             cycles=self.cycles,
-            events=joined(np.empty(0, EVENT_TYPE), *(s.events for s in self.stretches)),
+            events=one_table(np.empty(0, EVENT_TYPE), *(s.events for s in self.stretches)),
             event_count=self.events,
             section=np.concatenate([np.empty((0, 4)), *(s.section for s in self.stretches)]),
             reason=self.reason,

@@ -20,7 +20,7 @@ from impact_damper_ros.motion.event import Event, EventKind, table_of_events
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.run_result import joined
+from impact_damper_ros.rig.run_result import one_table
 from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
 
 from .flight_arrays import Drive, Flights, row_of_rig
@@ -177,7 +177,7 @@ class SweptRun(Observer):
     def response(self) -> SweptResponse:
         """Return the response up to the present time."""
         rig, parameters = self._rig, self._rig.parameters
-        rows = joined(self._row, table_of_events(self._events), row_of_rig(rig))
+        rows = one_table(self._row, table_of_events(self._events), row_of_rig(rig))
         count = int((rows['kind'] == EventKind.FREQUENCY_STEP).sum())
         coming = islice(stepped_sine(parameters, self._sweep), count)
         rigs = [rig_at(parameters, self._sweep.step), *(step.parameters for step in coming)]

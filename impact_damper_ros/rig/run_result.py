@@ -38,7 +38,7 @@ _row_fields = attrgetter(*EventRow.__dataclass_fields__)
 _NO_ROWS = np.empty(0, dtype_of(EventRow))
 
 
-def joined(*tables: Events) -> Events:
+def one_table(*tables: Events) -> Events:
     """Return the rows of tables one after another; numpy alone copies field by field."""
     rows: Events = np.concatenate([table.view(_BYTES) for table in tables]).view(EVENT_TYPE)
     return rows

@@ -32,7 +32,7 @@ from impact_damper_ros.parameters.parameter_spec import (
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.rig.loop import CYCLES_OF_A_LOOK
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.run_result import Events, Outcome, RunResult, joined, rows_where
+from impact_damper_ros.rig.run_result import Events, Outcome, RunResult, one_table, rows_where
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
 
@@ -127,7 +127,7 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     end = found.end + cycles * cycle
     # The events before and after complete a chatter that is cut at either end
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
-    around = joined(found.events, result.events, after.events)
+    around = one_table(found.events, result.events, after.events)
     impacts = result.impacts()
     kept = period or min(settling.section, cycles)
     hits = rows_where(impacts['time'] > end - kept * cycle, impacts)
