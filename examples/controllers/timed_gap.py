@@ -8,7 +8,7 @@ nearest to the instant for which the law asks.
 """
 
 from impact_damper_ros import GapControlParameters, RigParameters
-from impact_damper_ros.control.controller import control_of, holds_off, take_crossing, take_sample
+from impact_damper_ros.control.controller import control_of, is_ignored, take_passage, take_sample
 from impact_damper_ros.control.state import Measurement
 from impact_damper_ros.node.controller import Controller, run_controller, stops
 
@@ -57,8 +57,8 @@ class TimedGap(Controller):
             share = before.x / (before.x - sample.x)
             pairs = zip(before, sample, strict=True)
             passage = Measurement(*(a + share * (b - a) for a, b in pairs))._replace(x=0.0)
-            if not holds_off(law, passage.time):
-                take_crossing(law, passage, sample.x > 0.0)
+            if not is_ignored(law, passage.time):
+                take_passage(law, passage, sample.x > 0.0)
         take_sample(law, sample)
         places = {}
         due = time + self.value('delay') + 0.5 * period

@@ -13,7 +13,7 @@ CONTROL_JOINTS = ('stop_1', 'stop_2', 'primary')
 
 class Action(IntEnum):
     """
-    What a record is about.
+    What the control does or reports.
 
     Examples
     --------
@@ -30,13 +30,13 @@ class Action(IntEnum):
     COMMAND = 1
     #: A stop reached its target.
     ARRIVED = 2
-    #: A stop and m met, which holds it up.
+    #: A stop and m met: m blocks the stop.
     TOUCHED = 3
     #: X passed through zero.
     CROSSING = 4
-    #: A stop that m held up moves on by itself.
+    #: A stop that m blocked moves by itself again.
     STARTED = 5
-    #: A controller outside the rig gave a command; NaN for what is not in it.
+    #: A controller outside the rig gave a command; NaN for entries that the command leaves out.
     ORDER = 6
 
 
@@ -77,7 +77,7 @@ class ControlAct(NamedTuple):
     energy_1, energy_2 : float
         Energy spent by each actuator so far, J.
     force : float
-        Of an order, the active force on M, N; else 0.
+        The active force on M that an order sets, N; else 0.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class ControlAct(NamedTuple):
 
     @classmethod
     def of(cls, row: tuple[Any, ...]) -> Self:
-        """Return a row that the loop has written, with the fields of `ActRow`, as a record."""
+        """Return a row that the loop has written, with the fields of `ActRow`, as an act."""
         time, *numbers, action = row
         return cls(time, Action(action), *numbers)
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The actuators of the stops: a delay, a speed, and what they spend.
+The actuators of the stops: their delay, speed and energy.
 
 A command waits for the delay and then moves its stop, in place of the command before. The rig
-decides what happens where a stop meets m: it stands there, and goes on as soon as m lets it.
+decides what happens where a stop meets m: the stop stands there, and moves on as soon as m lets
+it.
 
 The energy is that of the stop itself, of mass `actuator_mass`: each start and each reversal spends
 its kinetic energy at its speed, none of which is recovered by braking. Friction of the guides,
@@ -97,7 +98,7 @@ def starting_velocity(way: float, speed: float) -> float:
 
 @kernel(inline=True)
 def start_energy(mass: float, velocity: float) -> float:
-    """Return what an actuator spends on a start of its stop, J; 0 for one that moves at once."""
+    """Return the energy that a start of a stop takes, J; 0 for one that moves at once."""
     return 0.5 * mass * (velocity * velocity) if abs(velocity) < inf else 0.0
 
 
@@ -136,7 +137,7 @@ def start_command(control: Control, place_1: float, place_2: float) -> tuple[flo
 
 @kernel(inline=True)
 def note_velocity(control: Control, stop: int, velocity: float) -> None:
-    """Note that a stop stands where it arrived or met m, or goes on behind m, at a velocity."""
+    """Note the velocity of a stop that has arrived, has met m, or moves on behind m."""
     actuators: Actuators = control.actuators
     if velocity != 0.0:
         p = control.settings

@@ -5,10 +5,10 @@ The amplitude law: at each passage of X through zero, places for both stops.
 Symmetric stops reconstruct the law of Masri, Miller, Dehghanyar and Caughey (1989), in which the
 amplitude of the primary mass sets the gap: d = kappa d*(A).
 
-Independent stops are an extension. Each stop has a place of its own, which grows and shrinks with
-the amplitude and is corrected by the instant at which m hit it: after an early impact the stop is
-moved out by what m covers in that time, after a late one it is moved in. The two flights may then
-differ, as weight and friction make them, and neither R nor mu has to be known.
+Independent stops are an extension. The place of each stop grows and shrinks with the amplitude and
+is corrected by the instant at which m hit it: after an early impact the stop is moved out by what
+m covers in that time, after a late one it is moved in. The two flights may then differ, as weight
+and friction make them, and neither R nor mu has to be known.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def corrected_place(
     half_cycle = control.estimates.half_cycle
     if early == early:
         if early > 0.5 * half_cycle:
-            # It belongs to the passage before this one.
+            # The impact belongs to the passage before this one.
             early -= half_cycle
         early -= p.gap_control_lead * half_cycle
         place += p.gap_control_timing_gain * speed * early

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller: from samples and crossing instants to commands for the stops."""
+"""The controller: from samples and passages of X through zero to commands for the stops."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .sensors import (
     forget_hits,
     is_too_soon,
     mixed_seed,
-    note_crossing,
+    note_passage,
     observe_sample,
     quantised_value,
     sensor_noise,
@@ -125,7 +125,7 @@ def begin_sampling(control: Control, time: float) -> None:
     """Begin to sample at the first sampling instant after the present time."""
     rate = control.settings.gap_control_rate
     index = max(0, int(time * rate))
-    # Late on, the spacing of floats is that of many samples.
+    # At late times the spacing of floats is that of many samples.
     step = max(1, int(ulp(time) * rate))
     while index / rate <= time:
         index += step
@@ -247,7 +247,7 @@ def next_sample(control: Control) -> float:
 @kernel(inline=True)
 def _take_in(control: Control, seen: Measurement) -> None:
     p = control.settings
-    observe_sample(control.estimates, seen, p.rebound, p.gap_control_noise_velocity)
+    observe_sample(control.estimates, seen, p.damper_jump, p.gap_control_noise_velocity)
     search_sample(control.search, seen)
 
 
@@ -269,19 +269,19 @@ def end_sample(control: Control) -> None:
 
 
 @kernel
-def holds_off(control: Control, time: float) -> bool:
-    """Return whether a trigger does not count: too soon after the last one, or not seen."""
+def is_ignored(control: Control, time: float) -> bool:
+    """Return whether a passage does not count: too soon after the last one, or not detected."""
     return is_blind(control) or is_too_soon(control.estimates, time)
 
 
 @kernel
-def take_crossing(control: Control, seen: Measurement, rising: bool) -> None:
-    """Take a trigger of the crossing detector, with its sample, and act on it."""
+def take_passage(control: Control, seen: Measurement, rising: bool) -> None:
+    """Take a passage of X through zero, with the sample of that instant, and act on it."""
     controller: ControllerState = control.controller
     estimates: Estimates = control.estimates
     controller.trigger_index += 1
     _take_in(control, seen)
-    whole = note_crossing(estimates, seen.time, control.settings.gap_control_smoothing)
+    whole = note_passage(estimates, seen.time, control.settings.gap_control_smoothing)
     search_missed(control.search, estimates)
     if whole and estimates.amplitude > control.settings.gap_control_threshold:
         controller.roused = True
@@ -314,6 +314,6 @@ def note_return(control: Control, stop_1: float, stop_2: float) -> None:
 
 
 @kernel
-def trigger_number(control: Control) -> int:
-    """Return the index of a crossing's sample: of its own, so that no noise is used twice."""
+def passage_index(control: Control) -> int:
+    """Return the index of the sample at a passage: below 0, so that no noise is used twice."""
     return -1 - control.controller.trigger_index

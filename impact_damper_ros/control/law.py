@@ -26,14 +26,14 @@ def clear_search(search: Search) -> None:
 
 @kernel(inline=True)
 def search_sample(search: Search, seen: Measurement) -> None:
-    """Take a sample."""
+    """Extend the reach of m by a sample."""
     search.reach_1 = max(search.reach_1, seen.y)
     search.reach_2 = max(search.reach_2, -seen.y)
 
 
 @kernel
 def search_missed(search: Search, estimates: Estimates) -> None:
-    """Take the end of a half cycle."""
+    """Count half cycles without an impact, at the end of one."""
     hit_1 = estimates.hit_time_1 == estimates.hit_time_1
     hit_2 = estimates.hit_time_2 == estimates.hit_time_2
     search.missed_1 = 0 if hit_1 else search.missed_1 + 1
@@ -58,7 +58,7 @@ def reach_limit(missed: int, reach: float) -> float:
 
 @kernel
 def best_gap(control: Control) -> float:
-    """Return the optimal gap for the amplitude as it is estimated, m."""
+    """Return the optimal gap for the estimated amplitude, m."""
     p = control.settings
     return gap_for_amplitude(control.estimates.amplitude, p.mass_ratio, p.restitution, p.gap_max)
 
@@ -77,7 +77,7 @@ def symmetric_place(control: Control, share: float) -> float:
 
 @kernel
 def outside_dead_band(place: float, before: float, dead_band: float) -> float:
-    """Return a place; NaN if it is within the dead band of the one before, or NaN itself."""
+    """Return a place; NaN if it is within the dead band of the place before, or NaN itself."""
     return place if abs(place - before) > dead_band * abs(before) else nan
 
 
@@ -85,7 +85,7 @@ def outside_dead_band(place: float, before: float, dead_band: float) -> float:
 def place_stops(
     control: Control, time: float, place_1: float, place_2: float, dead_band: float
 ) -> None:
-    """Order stops to places, but none that is within the dead band of its place, nor to NaN."""
+    """Order stops to places; a stop within the dead band of its place, or with NaN, stays."""
     wanted_1 = outside_dead_band(place_1, control.actuators.commanded_1, dead_band)
     wanted_2 = outside_dead_band(place_2, control.actuators.commanded_2, dead_band)
     if wanted_1 == wanted_1 or wanted_2 == wanted_2:

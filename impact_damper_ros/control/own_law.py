@@ -30,7 +30,7 @@ _SUM_ERROR = 4e-16
 
 class LawInput(NamedTuple):
     """
-    What a law of the user's own is given, all in SI units.
+    Input of a law of the user's own, in SI units.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class LawInput(NamedTuple):
     hit_time_1, hit_time_2 : float
         Instant of the last impact seen on each stop since the last passage, s; NaN for none.
     hit_speed_1, hit_speed_2 : float
-        Its approach speed, m/s.
+        Approach speed of that impact, m/s.
     mass_ratio, restitution : float
         m/M, and the mean R of both stops.
     gap_min, gap_max : float
@@ -87,7 +87,7 @@ class LawInput(NamedTuple):
     gap_max: float
 
 
-#: A law: where the stops are to be, Y in m, from what is seen and the numbers that it keeps.
+#: A law: positions of both stops, Y in m, from its input and the numbers that it keeps.
 Law: TypeAlias = Callable[[LawInput, Any], tuple[float, float]]
 
 
@@ -96,7 +96,7 @@ class LawError(ValueError):
 
 
 def _in_words(error: BaseException) -> str:
-    """Return kind and text of an error of somebody else's code, in short."""
+    """Return kind and text of an error of the user's code, shortened."""
     return f'{type(error).__name__}: {as_name(error, 400)}'
 
 
@@ -137,7 +137,7 @@ class OwnLaw:
         self.function = law
         self._plain: Law = getattr(law, 'py_func', law)
         plain = self._plain
-        #: Of what is loaded now
+        #: The digest of the code that is loaded now
         self.digest = _digest(plain)
         own = getattr(plain, '__qualname__', type(plain).__name__)
         self.name = name or f'{getattr(plain, "__module__", "?")}:{own}'
@@ -179,7 +179,7 @@ class OwnLaw:
 
     @property
     def compiles(self) -> bool:
-        """Whether numba compiles the function, as the decorator ``numba.njit`` has it."""
+        """Whether numba compiles the function: the decorator ``numba.njit`` marks it."""
         return hasattr(self.function, 'py_func')
 
     def __call__(self, seen: LawInput, memory: list[float]) -> tuple[float, float]:
@@ -196,15 +196,15 @@ class OwnLaw:
             raise self.astray(seen.time, result, seen) from error
         if len(memory) != MEMORY or not all(isinstance(v, int | float) for v in memory):
             raise LawError(
-                f'the law {self.name} has made {quote(memory)} of its memory at {seen.time:.9g} '
-                f's: it holds {MEMORY} numbers'
+                f'the law {self.name} left {quote(memory)} in its memory at {seen.time:.9g} s: '
+                f'keep a list of {MEMORY} numbers there'
             )
         return stop_1, stop_2
 
     def astray(
         self, time: float, result: object, p: LawInput | ControlSettings, sent: str = ''
     ) -> LawError:
-        """Return the error of a result that is no places of stops."""
+        """Return the error of invalid positions of stops."""
         return LawError(
             f'the law {self.name} returned {quote(result)} at {time:.9g} s{sent}: return two '
             f'places Y within half of gap_max, {0.5 * p.gap_max:g} m, the first at least gap_min, '
@@ -239,7 +239,7 @@ def too_close(control: Control, stop_1: float, stop_2: float) -> bool:
 
 @kernel
 def places_of(law: Any, seen: LawInput, memory: Any) -> tuple[float, float]:
-    """Return where a law wants the stops; a rig without one is compiled by itself."""
+    """Return where a law wants the stops; a rig without a law is compiled by itself."""
     if law is None:
         return nan, nan
     places: tuple[float, float] = law(seen, memory)
@@ -248,7 +248,7 @@ def places_of(law: Any, seen: LawInput, memory: Any) -> tuple[float, float]:
 
 @kernel
 def own_law_acts(control: Control, seen: Measurement, crossing: int) -> None:
-    """Let the law act on a sample, at a passage of X through zero or of the grid."""
+    """Let the law act on a sample of the grid, or on one at a passage of X through zero."""
     p = control.settings
     estimates: Estimates = control.estimates
     refusal: Refusal = control.refusal
@@ -299,7 +299,7 @@ def _signature() -> Any:
 
 
 def _by_address(function: Any) -> Any:
-    """Return a compiled function as numba takes one by its address, whichever it is."""
+    """Return a compiled function as numba calls any of its type, by address."""
     from numba.core.types import CompileResultWAP
 
     return CompileResultWAP(function.get_compile_result(_signature()))
@@ -333,7 +333,7 @@ def compiled_law(law: OwnLaw | None) -> Any:
         try:
             stop_1, stop_2 = function(seen, memory)
         except Exception:
-            # A function that is called by its address cannot raise. The loop refuses this result.
+            # A function that is called by address cannot raise. The loop refuses this result.
             stop_1, stop_2 = inf, nan
         return float(stop_1), float(stop_2)
 

@@ -3,11 +3,11 @@
 Sensors of the gap control: samples with noise and faults, and estimates from them.
 
 Samples are taken at the rate of the control, and one more at each passage of X through zero, where
-the crossing detector triggers the same converters. The noise is a function of its seed and the
+a zero-crossing detector triggers the same converters. The noise is a function of its seed and the
 index of the sample, so that a run can be cut, continued and replayed.
 
-Amplitude, rhythm and impacts are estimated without a model of the structure. How m rebounds is
-known, to distinguish an impact from noise.
+Amplitude, half cycle and impacts are estimated without a model of the structure. The jump of Z' at
+an impact is known, which distinguishes an impact from noise.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LOWER_34, _LOWER_37, _LOWER_33 = 2**34 - 1, 2**37 - 1, 2**33 - 1
 
 
 def _mixed_bits(word: int) -> int:
-    """Return what `mix` returns, as a signed number; compiled ones drop all but 64 bits."""
+    """Return the result of `mix` as a signed number; compiled numbers have 64 bits only."""
     word = word + _STEP_64
     word = (word ^ ((word >> 30) & _LOWER_34)) * _FACTOR_64
     word = (word ^ ((word >> 27) & _LOWER_37)) * _OTHER_FACTOR_64
@@ -117,10 +117,10 @@ def quantised_value(value: float, step: float) -> float:
 
 #: Least jump in Z' taken for an impact, over the jump that an impact makes.
 _JUMP_OF_AN_IMPACT = 0.3
-#: ... and over the standard deviation of the noise on a difference of two samples.
+#: Least such jump, over the standard deviation of the noise on a difference of two samples.
 _CLEAR_OF_NOISE = 4.0
 
-#: Time after a trigger without another one, in half cycles.
+#: Time after a passage in which no other passage counts, in half cycles.
 _HOLD_OFF = 0.02
 
 
@@ -131,7 +131,7 @@ class ZeroPassage(NamedTuple):
     Attributes
     ----------
     time : float
-        Its instant, s; NaN if none is foreseen.
+        Its instant, s; NaN if no passage is foreseen.
     x_rate : float
         X' there, m/s.
     y, y_rate : float
@@ -166,7 +166,7 @@ def clear_estimates(estimates: Estimates) -> None:
 
 @kernel
 def look_for_impact(
-    estimates: Estimates, after: Measurement, rebound: float, noise: float
+    estimates: Estimates, after: Measurement, damper_jump: float, noise: float
 ) -> None:
     """Detect an impact between the last sample and one: m reverses in M, and Z' jumps."""
     approach = estimates.y_rate
@@ -177,7 +177,7 @@ def look_for_impact(
         return
     # Each Z' is a sum of two noisy rates, and a jump a difference of two of them.
     clear = _CLEAR_OF_NOISE * 2.0 * noise
-    if abs(jump) < max(_JUMP_OF_AN_IMPACT * rebound * abs(approach), clear):
+    if abs(jump) < max(_JUMP_OF_AN_IMPACT * damper_jump * abs(approach), clear):
         return
     # Where the straight flights before and after meet
     period = after.time - estimates.time
@@ -192,10 +192,12 @@ def look_for_impact(
 
 
 @kernel(inline=True)
-def observe_sample(estimates: Estimates, seen: Measurement, rebound: float, noise: float) -> None:
-    """Take a sample."""
+def observe_sample(
+    estimates: Estimates, seen: Measurement, damper_jump: float, noise: float
+) -> None:
+    """Update the estimates by a sample."""
     if estimates.time == estimates.time:
-        look_for_impact(estimates, seen, rebound, noise)
+        look_for_impact(estimates, seen, damper_jump, noise)
     estimates.peak = max(estimates.peak, abs(seen.x))
     estimates.time = seen.time
     estimates.x = seen.x
@@ -208,13 +210,13 @@ def observe_sample(estimates: Estimates, seen: Measurement, rebound: float, nois
 
 @kernel(inline=True)
 def is_too_soon(estimates: Estimates, time: float) -> bool:
-    """Return whether a trigger comes too soon after the last one to count."""
+    """Return whether a passage comes too soon after the last one to count."""
     return time - estimates.crossed <= _HOLD_OFF * estimates.half_cycle
 
 
 @kernel
-def note_crossing(estimates: Estimates, time: float, smoothing: float) -> bool:
-    """Take the trigger of the crossing detector; return whether a half cycle ends."""
+def note_passage(estimates: Estimates, time: float, smoothing: float) -> bool:
+    """Update the estimates at a passage of X through zero; return whether a half cycle ends."""
     before = estimates.crossed
     peak = estimates.peak
     estimates.crossed = time
@@ -238,12 +240,12 @@ def forget_hits(estimates: Estimates) -> None:
 
 
 @kernel
-def next_passage(estimates: Estimates) -> ZeroPassage:
+def expected_passage(estimates: Estimates) -> ZeroPassage:
     """
     Return the passage expected from the last sample.
 
-    None is foreseen before the half cycle is known, and in its first half, when noise might show
-    the last passage as one to come.
+    No passage is foreseen before the half cycle is known, and in its first half, when noise might
+    show the last passage as the next one.
     """
     unknown = ZeroPassage(nan, 0.0, 0.0, 0.0)
     if estimates.half_cycle <= 0.0 or estimates.time != estimates.time:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The records of the control: what sensors, laws, actuators and the controller keep and know.
+The records of the control: states and settings of sensors, laws, actuators and the controller.
 
 Kernels change the states, which are dataclasses of numbers. A snapshot holds them `as_stored`.
 """
@@ -19,7 +19,7 @@ S = TypeVar('S')
 
 
 def as_stored(state: Any) -> dict[str, Any]:
-    """Return a state as a snapshot holds it: None for NaN, which stands for what is not known."""
+    """Return a state as a snapshot holds it: None for NaN, which stands for an unknown number."""
     values = {field.name: getattr(state, field.name) for field in fields(state)}
     return {name: None if value != value else value for name, value in values.items()}
 
@@ -60,7 +60,7 @@ class Measurement(NamedTuple):
 
     @property
     def z_rate(self) -> float:
-        """Its rate, m/s."""
+        """Rate of Z, m/s."""
         return self.x_rate + self.y_rate
 
 
@@ -84,7 +84,7 @@ class Estimates:
     hit_time_1, hit_time_2 : float
         Instant of the last impact at each stop since the last passage, s; NaN if there was none.
     hit_speed_1, hit_speed_2 : float
-        Its approach speed, m/s.
+        Approach speed of that impact, m/s.
     """
 
     amplitude: float = 0.0
@@ -130,20 +130,20 @@ class Damper(NamedTuple):
     restitution: float
 
     @property
-    def rebound(self) -> float:
+    def damper_jump(self) -> float:
         """Jump in Z' by an impact, over the approach speed."""
         return (1.0 + self.restitution) / (1.0 + self.mass_ratio)
 
     @property
-    def push(self) -> float:
+    def primary_jump(self) -> float:
         """Jump in X' by an impact, over the approach speed."""
-        return self.mass_ratio * self.rebound
+        return self.mass_ratio * self.damper_jump
 
     def optimal_gap(self, amplitude: float, largest: float) -> float:
         """
         Return the gap d* at which two impacts per cycle are at X = 0, where |X'| is largest.
 
-        Where there is none, as for elastic stops, it is the largest gap.
+        Where no gap does that, as for elastic stops, the largest gap is returned.
 
         Notes
         -----
@@ -162,7 +162,7 @@ def damper_of(parameters: RigParameters) -> Damper:
 @dataclass(slots=True)
 class Search:
     """
-    Where m is to be found.
+    State of the search for m.
 
     A gap that suits the amplitude is many times as wide as that amplitude. m crosses it only in
     the rhythm of its impacts; at rest, or held by friction, it would never reach a stop. A stop
@@ -230,7 +230,7 @@ class Actuators:
 @dataclass(slots=True)
 class AmplitudeLaw:
     """
-    State of the law: what corrects the places of independent stops.
+    State of the amplitude law: the places of independent stops.
 
     Attributes
     ----------
@@ -259,7 +259,7 @@ class TimedLaw:
     closed : int
         The stop that is closed, or 0.
     until : float
-        When it is to meet m, s.
+        Instant at which the closed stop is to meet m, s.
     """
 
     parked: float = 0.0
@@ -275,12 +275,12 @@ MEMORY = 16
 @dataclass(slots=True)
 class Refusal:
     """
-    A result of a law that is no places of stops.
+    Invalid positions of stops that a law returned.
 
     Attributes
     ----------
     time : float
-        When, s; NaN if there was none.
+        Instant of the call, s; NaN if there was none.
     stop_1, stop_2 : float
         The result.
     """
@@ -309,21 +309,21 @@ class ControlSettings(NamedTuple):
     independent : bool
         Whether each stop has a place of its own.
     sensor_fault : int
-        Of `SENSOR_FAULTS`.
+        Number of the fault, by the order of `SENSOR_FAULTS`.
     seed : int
-        Of the noise of the sensors, mixed.
+        Mixed seed of the noise of the sensors.
     speed : float
-        Of the actuators; infinite for stops that move at once.
+        Speed of the actuators, m/s; infinite for stops that move at once.
     pace : float
-        Share of the speed that an actuator has; below 1 with a fault.
+        Share of that speed which an actuator reaches; below 1 with a fault.
     blocked_1, blocked_2 : bool
         Whether a fault keeps the actuator of a stop from starting a movement.
     half_gap : float
         Half of the gap to which the stops return, m.
     one_sided : bool
         Whether stop 2 is absent.
-    mass_ratio, restitution, rebound, push : float
-        Of the `Damper`.
+    mass_ratio, restitution, damper_jump, primary_jump : float
+        As in `Damper`.
     """
 
     law: int
@@ -354,11 +354,11 @@ class ControlSettings(NamedTuple):
     one_sided: bool
     mass_ratio: float
     restitution: float
-    rebound: float
-    push: float
+    damper_jump: float
+    primary_jump: float
 
 
-#: Those that are parameters as they are.
+#: Fields that are parameters themselves.
 _AS_GIVEN = tuple(
     name
     for name in ControlSettings._fields
@@ -375,8 +375,8 @@ def settings_fields(p: Any, parameters: Any) -> dict[str, Any]:
         'one_sided': parameters.one_sided,
         'mass_ratio': damper.mass_ratio,
         'restitution': damper.restitution,
-        'rebound': damper.rebound,
-        'push': damper.push,
+        'damper_jump': damper.damper_jump,
+        'primary_jump': damper.primary_jump,
     }
 
 
@@ -390,7 +390,7 @@ class ControllerState:
     sample_index : int
         Index of the next sample; sample k is taken at k over the rate.
     trigger_index : int
-        Index of the next trigger of the crossing detector.
+        Index of the next passage of X through zero.
     roused : bool
         Whether the amplitude is beyond the threshold, so that the law moves the stops.
     returning : bool
@@ -427,7 +427,7 @@ _OWN_FIELDS = ('sample_index', 'trigger_index', 'roused', 'returning')
 
 class Control(NamedTuple):
     """
-    The whole control: states that kernels change, and what they know.
+    The whole control: the states that kernels change, and the settings.
 
     Attributes
     ----------
@@ -436,10 +436,10 @@ class Control(NamedTuple):
     estimates : Estimates
         Estimates from the samples.
     search : Search
-        Where m is to be found.
+        State of the search for m.
     actuators : Actuators
         State of the actuators.
-    commands : sequence of Command
+    commands : sequence of WaitingCommand
         Commands that wait; see `actuator`.
     settings : ControlSettings
         The parameters.
@@ -448,11 +448,11 @@ class Control(NamedTuple):
     timed_law : TimedLaw
         State of the timed law.
     refusal : Refusal
-        What a law of the user's own returned last, if that was no place.
+        The last result of a law of the user's own, if that was invalid.
     memory : list of float
-        Numbers that this law keeps.
+        Numbers that a law of the user's own keeps.
     law : OwnLaw or None
-        The law itself.
+        The law of the user's own.
     """
 
     controller: ControllerState

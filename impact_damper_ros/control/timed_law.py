@@ -8,8 +8,8 @@ opened again; at most one such impact for each passage.
 
 With symmetric stops, m has to be on the side of the stop that is closed, as in the reconstruction
 of the law of Masri et al. (1989). With independent stops, an extension, a stop may pass the middle
-to meet m, which matters as soon as weight, friction or a random force let the middle of
-the motion of m wander; and m must come with a good part of the speed of M, since each passage
+to meet m, which matters as soon as weight, friction or a random force let the middle of the motion
+of m drift. The approach speed must then be a good part of the speed of M, since each passage
 allows one impact only.
 """
 
@@ -21,7 +21,7 @@ from impact_damper_ros.motion.kernels import kernel
 
 from .actuator import order_stops
 from .law import best_gap, place_stops, symmetric_place
-from .sensors import ZeroPassage, next_passage
+from .sensors import ZeroPassage, expected_passage
 from .state import Control, ControlSettings, Estimates, Measurement, TimedLaw
 
 #: Least approach speed with independent stops, over |X'|.
@@ -54,7 +54,7 @@ def stop_to_close(p: ControlSettings, at: ZeroPassage, parked: float, optimal: f
     """
     approach = abs(at.y_rate)
     speed = abs(at.x_rate)
-    if at.x_rate * at.y_rate >= 0.0 or p.push * approach >= 2.0 * speed:
+    if at.x_rate * at.y_rate >= 0.0 or p.primary_jump * approach >= 2.0 * speed:
         return 0
     stop = 1 if at.y_rate > 0.0 else 2
     outwards = at.y if stop == 1 else -at.y
@@ -79,7 +79,7 @@ def clear_timed_law(law: TimedLaw) -> None:
 
 @kernel(inline=True)
 def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> None:
-    """Open the stop that has done its work, and close one for the passage ahead."""
+    """Open the stop that has met m, or missed it, and close one for the passage ahead."""
     law: TimedLaw = control.timed_law
     p = control.settings
     if law.parked == 0.0:
@@ -99,7 +99,7 @@ def timed_law_sees(control: Control, seen: Measurement, next_sample: float) -> N
         longest = way / p.speed + p.actuator_delay
         if _NOT_YET * estimates.half_cycle - longest >= next_sample - seen.time:
             return
-    ahead = next_passage(estimates)
+    ahead = expected_passage(estimates)
     if ahead.time == ahead.time and close_stop(control, ahead, seen, next_sample):
         law.aimed = True
 
@@ -174,7 +174,7 @@ def close_stop(control: Control, at: ZeroPassage, seen: Measurement, before: flo
 
 @kernel
 def reopens(law: TimedLaw, seen: Measurement, half_cycle: float) -> bool:
-    """Return whether the stop that was closed has done its work."""
+    """Return whether the closed stop has met m, or has missed it."""
     if law.closed == 0:
         return False
     away = seen.y_rate <= 0.0 if law.closed == 1 else seen.y_rate >= 0.0

@@ -45,17 +45,17 @@ class EventKind(IntEnum):
     STOP_ARRIVED = 6
     #: X passed through zero; reported under control only.
     CROSSING = 7
-    #: A stop on its way to its target met m, which holds it up: it follows m from there.
+    #: A stop met m on the way to its target: m blocks the stop, which follows m from there.
     STOP_TOUCHED = 8
     #: A stepped sine went on to its next frequency.
     FREQUENCY_STEP = 9
-    #: A stop that m held up moves on by itself.
+    #: A stop that m blocked moves by itself again.
     STOP_STARTED = 10
     #: The active force on M changed.
     FORCE_STEP = 11
 
 
-#: The same as numbers, for the kernels.
+#: The kinds as numbers, for the kernels.
 IMPACT, REST_EVENT, STICK_EVENT, RELEASE_EVENT, REVERSAL_EVENT, *_others = map(int, EventKind)
 STOP_ARRIVED, CROSSING, STOP_TOUCHED, _, STOP_STARTED, _ = _others
 
@@ -79,10 +79,10 @@ class Event(NamedTuple):
     damper_velocity_before, damper_velocity_after : float
         Absolute velocity of m, m/s.
     impulse : float
-        Modulus of the impulse between m and the stop, N s; 0 unless an impact. Of a `FORCE_STEP`
-        the active force on M from then on, N.
+        Modulus of the impulse between m and the stop, N s; 0 unless an impact. For a `FORCE_STEP`:
+        the new active force on M, N.
     mode : int
-        The `Mode` after it; -1 if it is not known, as of a recorded event.
+        The `Mode` after the event; -1 if unknown, as for a recorded event.
 
     Examples
     --------
@@ -115,10 +115,9 @@ class Sample(NamedTuple):
     Motion at one instant, after any event at that instant; absolute, along the axis, SI units.
 
     `x` is X, so that all positions count from the present static equilibrium of M. `stop_1` and
-    `stop_2` are the positions X + Y of the stops, which ride on M, and their velocities are X'
-    plus what they have in M: their own one while they move, that of m while they follow it. `base`
-    is the displacement b of the base, so that the spring is stretched by x - base more than in
-    that equilibrium.
+    `stop_2` are the positions X + Y of the stops, which ride on M. The velocity of a stop is X'
+    plus its velocity in M: that of its actuator, or Y' while the stop follows m. `base` is the
+    displacement b of the base: the spring is stretched by x - base more than in the equilibrium.
 
     Examples
     --------
@@ -190,7 +189,7 @@ def events_of_table(table: Any) -> list[Event]:
 
 @kernel
 def carry(run: Run, row: EventRow) -> None:
-    """Let an event count from a fixed place, not from a base that is carried."""
+    """Make an event absolute: add the motion that a record gives to the base."""
     base, speed = carried_to(run, row.time)
     row.x += base
     row.primary_velocity_before += speed
@@ -240,7 +239,7 @@ def write_quiet(run: Run, log: Log, kind: int, stop: int) -> None:
 
 
 class View(NamedTuple):
-    """Where M, m and the stops are at an instant, and how fast: X, then Y relative to M."""
+    """Positions and velocities of M, m and the stops at an instant: X, then Y relative to M."""
 
     x: float
     velocity: float
@@ -254,7 +253,7 @@ class View(NamedTuple):
 
 @kernel(inline=True)
 def view_at(moving: Moving, time: float) -> View:
-    """Return what is seen at an instant of the flight."""
+    """Return the positions and velocities at an instant of the flight."""
     run = moving.run
     tau = max(0.0, (time - run.time) - run.time_low)
     motion: Motion = motion_after(moving, tau)
@@ -267,7 +266,7 @@ def view_at(moving: Moving, time: float) -> View:
 
 @kernel
 def write_passage(moving: Moving) -> None:
-    """Write that X passes through zero at the present time."""
+    """Write the passage of X through zero at the present time."""
     _, _, run, _, log = moving
     if run.room == 0:
         return

@@ -3,9 +3,9 @@
 The certified first event of a flight.
 
 The search goes along a grid, whose steps do not depend on how far the run is to go. As long as m
-certainly approaches one stop, or turns once since Y'' keeps its sign, only the clearance there is
-looked at, and the root is found by a Taylor series about the nearest point, which needs neither a
-sine nor the closed form. Any other step is searched by `first_root`.
+certainly approaches one stop, or turns once since Y'' keeps its sign, only the clearance of that
+stop is watched, and its root is found by a Taylor series about the nearest point, which needs
+neither a sine nor the closed form. Any other step is searched by `first_root`.
 """
 
 from __future__ import annotations
@@ -58,10 +58,10 @@ def root_by_series(
     Return where a parabola with `sign` times the series falls through zero, near a point.
 
     Times are in steps from the point of the grid, which is `since` after the flight's origin.
-    Returned are the last time but one, the last step (NaN if there is no root nearby), and what
+    The results are the last time but one, the last step (NaN if there is no root nearby), and what
     the series adds to the function and to its first two derivatives there.
     """
-    # First to within a last step of the root, by most of the series
+    # The first step, with most of the series, comes to within a last step of the root.
     s = guess
     bend, bend_1, bend_2, bend_3 = coarse_tail(series, s)
     rate = f_1 + s * f_2 + sign * bend_1
@@ -78,7 +78,7 @@ def root_by_series(
         rate = f_1 + s * f_2 + sign * bend_1
         if rate >= 0.0:
             break
-        # Newton's step, bent as the function is
+        # Newton's step with the curvature of the function
         inverse = -1.0 / rate
         u = (f_0 + (s * (f_1 + 0.5 * s * f_2) + sign * bend)) * inverse
         last = abs(u) <= LAST_STEP * min(1.0, since + s)
@@ -93,7 +93,7 @@ def root_by_series(
 def contact_by_series(
     moving: Moving, side: float, point: Point, guess: float, low: float, high: float
 ) -> bool:
-    """Set the end of the flight by a contact near a point of the grid; or return that it fails."""
+    """End the flight by a contact near a point of the grid; return whether there is one."""
     constants, lines, run, waves, _ = moving
     oscillator: Oscillator = constants.free
     step = oscillator.step
@@ -120,7 +120,7 @@ def contact_by_series(
         t * oscillator.steps,
     )
     tau = t + (s + u) * step
-    # Also if u is NaN
+    # False also where u is NaN
     if not low < tau <= high:
         return False
     moved = s * (speed + 0.5 * s * scaled) - bend
@@ -149,7 +149,7 @@ def contact_by_series(
 def acceleration_now(
     oscillator: Oscillator, lines: Lines, run: Run, waves: Waves, x: float, velocity: float
 ) -> float:
-    """Return X'' where the waves are."""
+    """Return X'' at the instant of the waves."""
     x_2 = run.constant + drive_at(lines, run.first, waves)
     return x_2 - (2.0 * oscillator.decay * velocity + oscillator.omega_squared * x)
 
@@ -165,13 +165,13 @@ class Point(NamedTuple):
     speed: float
 
 
-#: What m does in a step: nothing that is certain, ...
+#: What is certain of m in a step: nothing, ...
 UNKNOWN = 0
-#: ... no more than to move between the stops, ...
+#: ... that it touches no stop, ...
 CLEAR = 1
-#: ... approach one stop throughout, or ...
+#: ... that it approaches one stop throughout, or ...
 APPROACH = 2
-#: ... turn once, far from the one and perhaps into the other.
+#: ... that it turns once, far from one stop and perhaps into the other.
 TURN = 3
 
 
@@ -216,7 +216,7 @@ def way_between(
     least = 0.125 * step * step * (omega * free + oscillator.rate_3)
     terms = abs(fall) + abs(run.constant) + omega_squared * (abs(a.x) + abs(b.x))
     if min(side * rate_a, side * rate_b) > least + ERROR * (terms + abs(rate_b)):
-        # The speed changes one way. With friction m moves in its direction, up to the turn.
+        # The speed is monotonic. With friction m moves in one direction up to the turn.
         along = side * run.direction
         if side * a.speed >= error_a and along >= 0.0:
             return APPROACH, side, rate_a, rate_b
@@ -327,7 +327,7 @@ def search_moving(moving: Moving) -> None:
                 guess = turned_root(before, -side * a.speed, -side * rate, left, step)
             elif before > 0.0:
                 guess = falling_root(before, -side * a.speed, left, -side * b.speed, step)
-            # By the nearer point
+            # The series about the nearer point
             point = b
             if guess > 0.5 * step:
                 guess -= step
@@ -337,7 +337,7 @@ def search_moving(moving: Moving) -> None:
             if contact_by_series(moving, side, point, guess, a.time, t):
                 return
         if hits or way == UNKNOWN:
-            # The waves are elsewhere now: the search begins again from here.
+            # The waves are at another instant now: the search begins again from here.
             first_of(moving, a.time, t)
             return
         a = b
@@ -387,19 +387,19 @@ def search_joint(moving: Moving) -> None:
     run.searched = t_a
 
 
-#: Later than any motion lasts, s.
-FOR_EVER = 1e300
-#: Part of a bound by which the support must exceed it.
+#: A time that no motion reaches, s.
+UNREACHED = 1e300
+#: Fraction of a bound by which the support must exceed the bound.
 _MARGIN = 1e-6
 
 
 @kernel
-def holds_for_ever(moving: Moving, tau: float) -> bool:
+def joint_motion_lasts(moving: Moving, tau: float) -> bool:
     """
     Return whether sticking certainly lasts from a time on.
 
-    X'' is the sum of the steady vibration, whose amplitude is known, and of a free one, which
-    never grows.
+    X'' is the sum of the steady vibration, whose amplitude is known, and of a free vibration,
+    which never grows.
     """
     constants, lines, run, waves, _ = moving
     oscillator: Oscillator = constants.joint
@@ -419,10 +419,10 @@ def holds_for_ever(moving: Moving, tau: float) -> bool:
             return False
         sine = waves[j].sine
         cosine = waves[j].cosine
-        push = square * line.force / gain
-        free += push * (stiff * sine - dashpot * cosine)
-        rate += push * frequency * (stiff * cosine + dashpot * sine)
-        most += abs(push) * sqrt(gain)
+        response = square * line.force / gain
+        free += response * (stiff * sine - dashpot * cosine)
+        rate += response * frequency * (stiff * cosine + dashpot * sine)
+        most += abs(response) * sqrt(gain)
     most += sqrt(free * free + rate * rate / omega_squared)
     most += _MARGIN * (most + abs(run.constant) + abs(constants.slope))
     return most < run.support_high and -most > run.support_low
@@ -441,8 +441,8 @@ def search_on(moving: Moving) -> None:
         if run.kind == NO_EVENT and run.searched >= run.look:
             # m may stick for days.
             run.look = 2.0 * run.searched
-            if holds_for_ever(moving, run.searched):
-                run.searched = FOR_EVER
+            if joint_motion_lasts(moving, run.searched):
+                run.searched = UNREACHED
     elif run.arrival == inf and run.stop_velocity_1 == 0.0 and run.stop_velocity_2 == 0.0:
         # Only `first_of` knows of a support that m leaves.
         if run.searched == 0.0 and leaves_support(run):

@@ -42,7 +42,7 @@ from .state import (
 )
 from .waves import set_waves, turn_waves, waves_to_origin
 
-#: Horizons after which joint motion is looked at as a whole.
+#: Horizons after which the search tests whether joint motion lasts without end.
 _LOOK = 64.0
 
 #: What ends a flight.
@@ -50,7 +50,7 @@ NO_EVENT = 0
 CONTACT_1 = 1
 CONTACT_2 = 2
 REVERSAL = 3
-#: A stop that follows m is where it should be.
+#: A stop that follows m reaches its target.
 ARRIVAL = 4
 #: The support gives way, and m moves upwards.
 RELEASE_UP = 5
@@ -102,12 +102,14 @@ def air_acceleration(constants: RigConstants, run: Run) -> float:
 
 
 @kernel(inline=True)
-def with_pushes(constants: RigConstants, run: Run, constant: float, share: float) -> float:
+def with_constant_forces(
+    constants: RigConstants, run: Run, constant: float, share: float
+) -> float:
     """Add forces of orders and records, and a base's inertia; `share` is m over what moves."""
-    push = run.force + run.recorded_force
-    # Without one, a negative zero stays what it is.
-    if push != 0.0:
-        constant += push * share / constants.damper_mass
+    force = run.force + run.recorded_force
+    # Without a force a negative zero keeps its sign.
+    if force != 0.0:
+        constant += force * share / constants.damper_mass
     if run.carried:
         constant -= run.base_acceleration
     return constant
@@ -134,7 +136,9 @@ def acceleration_at(
 def support_need(moving: Moving, velocity: float) -> float:
     """Return n = X'' - g sin(angle) - p/m, the acceleration m needs from friction and stops."""
     constants, lines, run, waves, _ = moving
-    constant = with_pushes(constants, run, constants.share * constants.slope, constants.share)
+    constant = with_constant_forces(
+        constants, run, constants.share * constants.slope, constants.share
+    )
     together = acceleration_at(
         constants.joint, lines, constants.harmonics, waves, constant, run.x, velocity
     )
@@ -219,7 +223,9 @@ def begin_joint(moving: Moving) -> None:
     run.joint = True
     run.look = _LOOK * constants.joint.horizon
     run.first = constants.harmonics
-    run.constant = with_pushes(constants, run, constants.share * constants.slope, constants.share)
+    run.constant = with_constant_forces(
+        constants, run, constants.share * constants.slope, constants.share
+    )
     run.acceleration = acceleration_at(
         constants.joint, lines, constants.harmonics, waves, run.constant, run.x, run.velocity
     )
@@ -245,7 +251,7 @@ def accelerate(moving: Moving, direction: int) -> float:
     air = air_acceleration(constants, run)
     run.joint = False
     run.first = 0
-    run.constant = with_pushes(
+    run.constant = with_constant_forces(
         constants,
         run,
         constants.mass_ratio * (direction * constants.grip - air),
@@ -304,7 +310,7 @@ def begin_flight(moving: Moving) -> None:
 
 @kernel(inline=True)
 def begin_next_flight(moving: Moving) -> None:
-    """Begin the flight from an origin for which the waves are set: all else of `begin_flight`."""
+    """Begin the flight as `begin_flight` does, from an origin for which the waves are set."""
     run = moving.run
     run.kind = NO_EVENT
     run.due = inf
@@ -340,7 +346,7 @@ def with_derivatives(
     relative_2: float,
     x_2: float,
 ) -> Motion:
-    """Return the motion where the waves are, with the higher derivatives of X."""
+    """Return the motion at the instant of the waves, with the higher derivatives of X."""
     drive_1 = drive_2 = drive_3 = drive_4 = -0.0
     for j in range(len(waves)):
         frequency = lines[first + j].frequency
@@ -381,7 +387,7 @@ def starting_motion(moving: Moving) -> Motion:
 
 @kernel(inline=True)
 def motion_near(moving: Moving, tau: float) -> Motion:
-    """Sum the Taylor series: what bends the path away from its tangent parabola."""
+    """Sum the Taylor series of the path beyond its tangent parabola."""
     constants, lines, run, waves, _ = moving
     oscillator = oscillator_of(constants, run)
     first = run.first
@@ -476,7 +482,7 @@ def motion_after(moving: Moving, tau: float) -> Motion:
 
 @kernel
 def motion_at(moving: Moving, tau: float) -> Motion:
-    """Return the motion as `motion_after` does; compiled once, not where it is used."""
+    """Return the motion as `motion_after` does; compiled once, not inlined."""
     return motion_after(moving, tau)
 
 

@@ -98,7 +98,7 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
 
     A bounce takes at least 2 speed/push.
     """
-    push = constants.push + (1.0 + constants.mass_ratio) * (
+    push = constants.drive_bound + (1.0 + constants.mass_ratio) * (
         constants.joint.omega_squared * abs(run.x)
         + 2.0 * constants.joint.decay * abs(common_velocity(constants, run))
         + abs(run.force + run.recorded_force) * constants.share / constants.damper_mass

@@ -48,11 +48,11 @@ class MachineCode(NamedTuple):
         """Read a file; raise ValueError if it is damaged."""
         content = path.read_bytes()
         if hashlib.sha256(content[32:]).digest() != content[:32]:
-            raise ValueError('its checksum is another one')
+            raise ValueError('its checksum does not match')
         return cls(*marshal.loads(content[32:]))
 
     def load(self, name: str) -> Any:
-        """Return the function; raise ValueError if something that it needs is not there."""
+        """Return the function; raise ValueError if a symbol that it needs is missing."""
         import llvmlite.binding as llvm
 
         with _LOADING:
@@ -74,7 +74,7 @@ class MachineCode(NamedTuple):
 
 @cache
 def _engine() -> Any:
-    """Return what loads machine code into this process."""
+    """Return the engine of LLVM that loads machine code into this process."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -94,13 +94,13 @@ def _extension(name: str) -> ModuleType:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
-        # numba takes it from there, should something be compiled later
+        # numba uses this module if it compiles something later
         sys.modules[full] = module
     return sys.modules[full]
 
 
 def _address(symbol: str) -> int:
-    """Return the address of what numba names for machine code."""
+    """Return the address of a symbol to which machine code of numba refers."""
     if symbol == '_Py_NoneStruct':
         return id(None)
     kind, _, name = symbol.partition('_')

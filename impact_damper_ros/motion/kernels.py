@@ -3,13 +3,13 @@
 Kernels: functions of numbers and records that run as plain Python or compiled by numba.
 
 A program starts with the plain functions, without waiting for a compiler. `compiled_kernel`
-returns the same ones compiled; both do the same floating-point operations in the same order.
-Constants are named tuples and states are dataclasses in plain Python; compiled kernels take both
-as numpy records, made by `pack`, which they read and change where they are. Rows (harmonics,
-events, samples) are lists of such objects, or arrays of records.
+returns them compiled; both do the same floating-point operations in the same order. Constants are
+named tuples and states are dataclasses in plain Python; compiled kernels take both as numpy
+records, made by `pack`, which they read and change where they are. Rows (harmonics, events,
+samples) are lists of such objects, or arrays of records.
 
 Compiled code is kept for other processes in a directory named by a digest of everything that it
-depends on; a comment is no part of that. What is kept is loaded without numba.
+depends on; a comment is no part of that. Kept code is loaded without numba.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def _itself(values: Any) -> Any:
 
 @cache
 def reader_of(cls: Any) -> Callable[[Any], Any]:
-    """Return what reads the numbers of an object of a class."""
+    """Return a function that reads the numbers of an object of a class."""
     if is_dataclass(cls):
         return attrgetter(*(field.name for field in fields(cls)))
     kinds = get_type_hints(cls).values() if hasattr(cls, '_fields') else ()
@@ -139,7 +139,7 @@ def reader_of(cls: Any) -> Callable[[Any], Any]:
 
 @cache
 def _copier_of(cls: Any) -> Callable[[Any], Any]:
-    """Return what copies a state field by field, which takes a third of the time of a call."""
+    """Return a function that copies a state field by field, without a call for each."""
     lines = ['def copier(state):', 'copy = new(cls)']
     lines += [f'copy.{field.name} = state.{field.name}' for field in fields(cls)]
     names: dict[str, Any] = {'new': object.__new__, 'cls': cls}
@@ -170,7 +170,7 @@ def _kinds(cls: Any) -> list[tuple[str, Any]]:
 
 
 def unpack(record: Any, state: Any) -> None:
-    """Set a state to what compiled kernels have made of its record."""
+    """Set a state from its record, which compiled kernels have changed."""
     cls: Any = type(state)
     for (name, kind), value in zip(_kinds(cls), record.item(), strict=True):
         setattr(state, name, bool(value) if kind is bool else value)
@@ -192,7 +192,7 @@ def _digest() -> str:
         constants = [value for value in code.co_consts if value != function.__doc__]
         parts += [name, name in _INLINE, function.__defaults__, constants]
         parts += [code.co_code, code.co_names, code.co_varnames]
-    # Code of the same kernels that is linked or kept in another way is other code, too.
+    # The digest covers how code is linked and kept, too.
     for maker in (_part_compiler, _entry_compiler, _compiled_only_row, _compile, _kind):
         for code in _codes(unwrap(maker).__code__):
             texts = [value for value in code.co_consts if not isinstance(value, types.CodeType)]
@@ -210,7 +210,7 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 @cache
 def directory() -> Path | None:
-    """Return where compiled kernels are kept; None without a place."""
+    """Return the directory where compiled kernels are kept; None if it cannot be made."""
     places = [os.environ.get('NUMBA_CACHE_DIR'), os.environ.get('XDG_CACHE_HOME'), '~/.cache']
     for base in filter(None, places):
         try:
@@ -281,8 +281,9 @@ def _entry_compiler(alone: bool) -> Any:
     """
     Return the compiler of kernels that Python calls.
 
-    All kernels below one are linked into it once. If they are seen there alone, what is the same
-    in all their calls is known where they are compiled, which takes longer.
+    All kernels that one calls are linked into it once. With `alone` they are visible in that
+    kernel only: the compiler then knows which arguments are the same in all calls, and takes
+    longer.
     """
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import Compiler
@@ -349,7 +350,7 @@ def only_row(rows: Any, k: int) -> Any:
 
 
 def _compiled_only_row() -> Any:
-    """Return `only_row` for kernels, as the compiler has it."""
+    """Return `only_row` as an intrinsic of the compiler, for kernels."""
     from numba.core import cgutils, types
     from numba.extending import intrinsic
     from numba.np.arrayobj import make_array, populate_array
@@ -432,7 +433,7 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-#: What has been compiled or loaded in this process, and of what that is reported.
+#: Kernels compiled or loaded in this process, and the groups whose compilation was reported.
 _ENTRIES: dict[tuple[str, str], Any] = {}
 _REPORTED: set[str] = set()
 
@@ -471,7 +472,7 @@ def _keep_elsewhere(name: str, arguments: Sequence[Any], path: Path) -> None:
 
 
 def _kind(argument: Any) -> str:
-    """Return what compiled code has to know of an argument."""
+    """Return the type of an argument, as far as compiled code depends on it."""
     if isinstance(argument, tuple):
         return f'{type(argument).__name__}({",".join(map(_kind, argument))})'
     if isinstance(argument, np.ndarray | np.void):
@@ -489,7 +490,7 @@ def _load_kept(name: str, path: Path, log: logging.Logger) -> Any:
     except FileNotFoundError:
         return None
     except Exception as error:
-        # Whatever a file raises that another program has written
+        # A file that another program has written may raise anything.
         log.warning(
             'the compiled code kept in %s is damaged (%s): it is compiled again', path, error
         )
@@ -505,8 +506,8 @@ def compiled_kernel(
 
     numba would look at the types of the arguments at each call, which takes longer than a short
     run. Compiled code that cannot be kept, as on a full disk, serves this process; code that was
-    kept and is damaged, as by a power cut, is compiled again. That the kernel has to be compiled,
-    since no process has kept it, is reported, with what it belongs to.
+    kept and is damaged, as by a power cut, is compiled again. A kernel that no process has kept is
+    compiled, and `what` it belongs to is reported.
     """
     key = name, form
     if key in _ENTRIES:
@@ -538,7 +539,7 @@ def compiled_kernel(
 
 
 def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
-    """Call a kernel compiled, or as it is where there is no compiler."""
+    """Call a kernel compiled, or plain where there is no compiler."""
     if not has_numba():
         with np.errstate(all='ignore'):
             return function(*arguments)
@@ -546,7 +547,7 @@ def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
 
 
 def on_threads(run: Callable[[T], object], parts: Sequence[T], threads: int | None = None) -> None:
-    """Let kernels work on parts of something, the first one alone, since it may compile them."""
+    """Run kernels on parts of a task in threads, after the first part, which may compile."""
     for part in parts[:1]:
         run(part)
     count = min(threads or len(os.sched_getaffinity(0)), len(parts) - 1)

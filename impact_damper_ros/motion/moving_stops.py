@@ -9,10 +9,10 @@ from .event import STOP_ARRIVED, STOP_TOUCHED, write_quiet
 from .flight import begin_next_flight, move_to
 from .kernels import kernel
 from .state import Moving, RigConstants, Run, on_stop_1, on_stop_2, place
-from .transition import begin_from, hold_stop, report_support
+from .transition import begin_from, block_stop, report_support
 from .zero_passage import set_side
 
-#: A stop just after a command: it moves, is at its target, or is held up by m.
+#: A stop just after a command: it moves, is at its target, or is blocked by m.
 MOVING = 0
 ARRIVED = 1
 TOUCHED = 2
@@ -44,7 +44,7 @@ def send_stop(constants: RigConstants, run: Run, stop: int, target: float, speed
     if velocity != 0.0:
         closing = outwards * (run.relative_velocity - velocity)
         if clearance == 0.0 and outwards * velocity < 0.0 and closing >= 0.0:
-            hold_stop(constants, run, stop)
+            block_stop(constants, run, stop)
             return TOUCHED
         return MOVING
     if way == 0.0:
@@ -61,7 +61,7 @@ def send_stop(constants: RigConstants, run: Run, stop: int, target: float, speed
         run.stop_2 = target
         run.clearance_2 = clearance
     if touches:
-        hold_stop(constants, run, stop)
+        block_stop(constants, run, stop)
         return TOUCHED
     return ARRIVED
 
@@ -73,7 +73,7 @@ def move_stops(
     stop_2: float,
     speed: float,
 ) -> None:
-    """Send stops to targets, Y in m, at the present time; a stop with NaN goes on as it was."""
+    """Send stops to targets, Y in m, at the present time; NaN leaves a stop as it is."""
     run = moving.run
     side = run.crossing_side
     move_to(moving, run.now)

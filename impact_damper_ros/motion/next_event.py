@@ -21,15 +21,15 @@ from .zero_passage import search_passage
 DONE = 0
 #: The table of events is full.
 FULL = 1
-#: The rig has had its most events.
+#: The run has reached its limit of events.
 SPENT = 2
-#: The rig has more events in a period of the fastest of spring and force than it may have.
+#: More events than allowed happen in a period of the fastest of spring and force.
 RUNAWAY = 3
-#: The steps of a search were made after which to pause.
+#: The search has made the steps after which it pauses.
 PAUSED = 4
-#: There is no room for more commands that wait.
+#: No more commands can wait.
 COMMANDS_FULL = 5
-#: A law of the user's own has returned what are no places.
+#: A law of the user's own has returned invalid positions of stops.
 LAW_FAILED = 6
 #: A step of the stepped sine is due.
 STEP_DUE = 7
@@ -39,9 +39,9 @@ GOING = 8
 _CYCLE = 6.283185307179586
 #: More steps than any search takes.
 ALL_STEPS = 2**62
-#: What a float lacks, at most, to the instant that it stands for, relative to that.
+#: Largest relative difference between an instant and the float that stands for it.
 TIME_MARGIN = 1e-15
-# The tolerance of the search, so that an event which rounds to the end of a search belongs to it
+# The tolerance of the search: an event that rounds to the end of a search belongs to that search.
 _NEXT = 4.440892098500626e-16
 
 
@@ -59,14 +59,14 @@ def next_event(moving: Moving, until: float) -> bool:
 
 
 @kernel
-def next_crossing(moving: Moving, until: float) -> bool:
+def next_passage(moving: Moving, until: float) -> bool:
     """Search for the next passage of X through zero, as `next_event` does."""
     run = moving.run
     last = min(until, run.due)
     limit = (last - run.time) - run.time_low + _NEXT * abs(last)
     while True:
         if run.crossing <= run.now:
-            # It is past: the search began in the middle of a flight.
+            # The passage is past: the search began in the middle of a flight.
             run.crossing_side = -run.crossing_side
             run.crossing = inf
         if run.crossing < inf or run.watched > limit:
@@ -101,7 +101,7 @@ def count_event(moving: Moving) -> None:
 
 @kernel(inline=True)
 def count_modes(run: Run, in_mode: MutableSequence[float]) -> None:
-    """Bring the account of the modes up to the present time."""
+    """Add the time since the last count to the time spent in the present mode."""
     since = (run.now - run.time) - run.time_low
     if since > run.counted:
         in_mode[run.mode] += since - run.counted

@@ -74,7 +74,7 @@ class Line(NamedTuple):
     near_re, near_im, far_re, far_im : float
         The factors 1/(iW - l) and 1/(iW - conj(l)), both conjugated. Far above resonance `near`
         holds 1/((w^2 - W^2) + 2 i a W), conjugated.
-    push, turn : float
+    scaled_force, turn : float
         With the time in steps of the grid: amplitude f step^2, and angle W step turned in a step.
     turn_cosine, turn_sine : float
         Cosine and sine of that angle.
@@ -93,7 +93,7 @@ class Line(NamedTuple):
     near_im: float
     far_re: float
     far_im: float
-    push: float
+    scaled_force: float
     turn: float
     turn_cosine: float
     turn_sine: float
@@ -114,13 +114,13 @@ class Oscillator(NamedTuple):
     decay, frequency, inverse, omega_squared, inverse_square : float
         Constants a, b, 1/b, w^2 and 1/w^2 of the equation of motion.
     frequency_upper, frequency_low : float
-        The upper half of the digits of `frequency`, and what it lacks to b.
+        The upper half of the digits of `frequency`, and b - frequency.
     fastest : float
         Circular frequency of the fastest of spring and harmonics.
     taylor_limit : float
         Longest time for which the Taylor series is summed, s.
     horizon, jerk_bound : float
-        A time, s, and the most that the drive adds over it to the jerk of the free vibration.
+        A time, s, and the largest jerk that the drive adds to that of the free vibration in it.
     step, steps : float
         Time from point to point of the grid, s, and its inverse.
     x_x, v_x, x_v, v_v : float
@@ -163,9 +163,9 @@ class Oscillator(NamedTuple):
 
 #: Points reached from one base. The bounds grow with their number, round-off with its square root.
 POINTS = 5
-#: Length of a step, as a phase of the fastest of spring and harmonics, rad, ...
+#: Length of a step, as a phase of the fastest of spring and harmonics, rad.
 _STEP = 1.2
-#: ... of so few binary digits that the times of the points are exact.
+#: Binary digits of a step: so few that the times of the points are exact.
 _STEP_DIGITS = 20
 #: Largest phase, of the fastest of spring and harmonics, at which the Taylor series is summed.
 _TAYLOR_REACH = 0.25
@@ -210,7 +210,7 @@ def _bound_on_drive(
 def _bound_on_rate(
     omega: Array, decay: Array, force: Array, circular: Array, order: int, horizon: Array
 ) -> Array:
-    """Bound the rate of what `_bound_on_drive` bounds."""
+    """Bound the rate of the quantity that `_bound_on_drive` bounds."""
     gain = np.hypot(omega**2 - circular**2, 2.0 * decay * circular)
     with np.errstate(divide='ignore', over='ignore'):
         steady = (circular + np.hypot(omega, circular)) / gain
@@ -294,7 +294,7 @@ def oscillators(
         'rate_5': _bound_on_rate(*bounds, 5, far_grid),
     }
     circular, wide = frequencies.astype(np.longdouble), span[:, None]
-    push, turn = wide * wide * force, wide * circular
+    scaled, turn = wide * wide * force, wide * circular
     # Without a force the step may be a long one for a harmonic.
     angle = wide * acting
     square = -angle * angle
@@ -317,14 +317,14 @@ def oscillators(
         'near_im': imaginary / near,
         'far_re': wide_a / far,
         'far_im': (frequencies + wide_b) / far,
-        'push': push,
+        'scaled_force': scaled,
         'turn': turn,
         'turn_cosine': _series(_INVERSES[::2], square),
         'turn_sine': angle * _series(_INVERSES[1::2], square),
-        'x_cosine': push * turn * odd,
-        'x_sine': push * even,
-        'v_cosine': push * turn * even / wide,
-        'v_sine': push * (columns[1] + square * odd) / wide,
+        'x_cosine': scaled * turn * odd,
+        'x_sine': scaled * even,
+        'v_cosine': scaled * turn * even / wide,
+        'v_sine': scaled * (columns[1] + square * odd) / wide,
     }
     return (
         rows_of(Oscillator, len(mass), **constants),
@@ -366,7 +366,7 @@ def set_line(oscillator: Any, line: Any) -> None:
     far = decay * decay + (circular + wide_b) * (circular + wide_b)
     line.far_re = decay / far
     line.far_im = (circular + wide_b) / far
-    line.push = step * step * line.force
+    line.scaled_force = step * step * line.force
     line.turn = step * circular
     # Without a force the step may be a long one for a harmonic.
     angle = line.turn if line.force != 0.0 else 0.0
@@ -386,11 +386,11 @@ def set_line(oscillator: Any, line: Any) -> None:
         beyond = ahead
         ahead = here
         inverse *= n
-    line.x_cosine = line.push * line.turn * odd
-    line.x_sine = line.push * even
-    line.v_cosine = line.push * line.turn * even / step
-    # The last but one is that from a unit X'.
-    line.v_sine = line.push * (beyond + square * odd) / step
+    line.x_cosine = line.scaled_force * line.turn * odd
+    line.x_sine = line.scaled_force * even
+    line.v_cosine = line.scaled_force * line.turn * even / step
+    # `beyond` is that of unit X' at the start.
+    line.v_sine = line.scaled_force * (beyond + square * odd) / step
 
 
 @kernel
@@ -400,8 +400,8 @@ def set_oscillator(
     """
     Set the constants of an oscillator and of its harmonics, whose force, frequency and phase are.
 
-    For solvers, which vary a rig: they are those of `oscillators` without the digits beyond a
-    float's, which a run of many steps needs.
+    Solvers, which vary a rig, use these constants: those of `oscillators` without the digits
+    beyond a float's, which a run of many steps needs.
     """
     omega_squared = stiffness / mass
     omega = sqrt(omega_squared)

@@ -40,14 +40,14 @@ def series_at(
     velocity: float,
 ) -> Series:
     """Return the series around a point: each derivative from the two before it and the drive."""
-    # Negative zero is what adds nothing, which a compiler makes use of.
+    # To add negative zero changes nothing, and a compiler leaves it out.
     f_0 = f_1 = f_2 = f_3 = f_4 = f_5 = f_6 = f_7 = -0.0
     f_8 = f_9 = f_10 = f_11 = f_12 = f_13 = f_14 = -0.0
     for j in range(len(waves)):
-        push = lines[first + j].push
+        scaled = lines[first + j].scaled_force
         turn = lines[first + j].turn
-        even = push * waves[j].sine
-        odd = push * turn * waves[j].cosine
+        even = scaled * waves[j].sine
+        odd = scaled * turn * waves[j].cosine
         turned = -turn * turn
         f_0 += even
         f_1 += odd

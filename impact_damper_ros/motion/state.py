@@ -53,7 +53,7 @@ class Mode(IntEnum):
     CHATTER_2 = 7
 
 
-#: The same as numbers, for the kernels.
+#: The modes as numbers, for the kernels.
 FREE, SLIDE_DOWN, SLIDE_UP, STICK, REST_1, REST_2, CHATTER_1, CHATTER_2 = map(int, Mode)
 
 
@@ -74,7 +74,7 @@ class RigConstants(NamedTuple):
         Likewise; the slowness is 1/v_c, s/m, 0 for a constant R.
     slope, grip, air : float
         Accelerations g sin(angle), friction g cos(angle) and air_force/m, m/s^2.
-    push : float
+    drive_bound : float
         Bound of the relative acceleration at rest, without spring and dashpot, m/s^2.
     half_gap : float
         Distance of each stop from the middle, m.
@@ -97,7 +97,7 @@ class RigConstants(NamedTuple):
     slope: float
     grip: float
     air: float
-    push: float
+    drive_bound: float
     half_gap: float
     one_sided: bool
     base_first: int
@@ -122,8 +122,8 @@ def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any, base: slice) -> dict
     """
     Return the fields of `RigConstants` but for oscillators, of one rig or of many as arrays.
 
-    `p` has the parameters of `RigParameters`; given are sine and cosine of the angle, the sum of
-    the moduli of the forces, and the rows of the base.
+    `p` has the parameters of `RigParameters`. The other arguments are sine and cosine of the
+    angle, the sum of the moduli of the forces, and the rows of the base.
     """
     mass_ratio = p.damper_mass / p.primary_mass
     slope = p.gravity * sine
@@ -141,7 +141,7 @@ def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any, base: slice) -> dict
         'slope': slope,
         'grip': grip,
         'air': air,
-        'push': (1.0 + mass_ratio) * (most + 2.0 * abs(slope) + air + grip),
+        'drive_bound': (1.0 + mass_ratio) * (most + 2.0 * abs(slope) + air + grip),
         'half_gap': 0.5 * p.gap,
         'one_sided': p.one_sided,
         'base_first': base.start,
@@ -151,7 +151,7 @@ def rig_fields(p: Any, sine: Any, cosine: Any, forces: Any, base: slice) -> dict
 
 @kernel(inline=True)
 def incline(angle: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle; at 90 degrees as rounded there is no normal force."""
+    """Return sine and cosine of an angle; the cosine of 90 degrees, which is rounded, is 0."""
     cosine = cos(angle)
     return sin(angle), 0.0 if cosine < 1e-5 else cosine
 
@@ -162,7 +162,7 @@ NUMBERS = (
     *('restitution_1', 'restitution_2', 'angle', 'friction', 'gravity', 'air_force'),
     *('restitution_slowness', 'restitution_exponent'),
 )
-#: Their places, and that of the first harmonic.
+#: Places of these numbers, and of the first harmonic.
 MASS, STIFFNESS, DAMPING, DAMPER_MASS, GAP, RESTITUTION_1, RESTITUTION_2 = range(7)
 ANGLE, FRICTION, GRAVITY, AIR_FORCE, SLOWNESS, EXPONENT = range(7, len(NUMBERS))
 FIRST_LINE = len(NUMBERS)
@@ -170,7 +170,7 @@ FIRST_LINE = len(NUMBERS)
 
 @kernel
 def set_contacts(constants: Any, rig: Sequence[float]) -> None:
-    """Set those that `rig_fields` returns of a rig without base, from its numbers."""
+    """Set the fields that `rig_fields` returns, for a rig without base, from `NUMBERS`."""
     ratio = rig[DAMPER_MASS] / rig[MASS]
     sine, cosine = incline(rig[ANGLE])
     most = 0.0
@@ -188,7 +188,7 @@ def set_contacts(constants: Any, rig: Sequence[float]) -> None:
     constants.air = rig[AIR_FORCE] / rig[DAMPER_MASS]
     most /= rig[MASS] + rig[DAMPER_MASS]
     most += 2.0 * abs(constants.slope) + constants.air + constants.grip
-    constants.push = (1.0 + ratio) * most
+    constants.drive_bound = (1.0 + ratio) * most
     constants.half_gap = 0.5 * rig[GAP]
 
 
@@ -227,7 +227,7 @@ class Wave:
     sine_0, cosine_0 : float
         Sine and cosine of its phase at the origin.
     sine, cosine : float
-        The same where the search is.
+        Sine and cosine of the phase at the instant of the search.
     """
 
     angle: float = 0.0
@@ -287,7 +287,7 @@ class Run:
     joint : bool
         Whether both masses move as one.
     look : float
-        Time since the origin at which joint motion is looked at as a whole, s.
+        Time since the origin at which the search tests whether joint motion lasts without end, s.
     first : int
         First row of the harmonics of the oscillator that moves.
     constant, acceleration, relative_acceleration : float

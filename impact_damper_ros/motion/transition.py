@@ -4,8 +4,8 @@ Transitions: the events of a flight, from the state before to the state after.
 
 A stop away from its target moves there at its speed, as far as m lets it, and never does work:
 where it meets m it stands, at rest relative to M, before m may hit it. Its velocity therefore
-enters no impact. It follows an m that moves inwards more slowly than itself, touching it, and goes
-on by itself once m is faster, or is out of the way.
+enters no impact. Where m moves inwards more slowly than the stop, the stop follows in contact with
+m. It moves by itself again once m is faster or out of the way.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def put_on_stop(constants: RigConstants, run: Run, stop: int) -> None:
 
 @kernel
 def put_between_stops(run: Run, stop: int) -> bool:
-    """Put m on a stop if the other one, which follows it, touches it still; return whether."""
+    """Put m on a stop if the other stop still touches m, which it follows; return whether."""
     if stop == 1:
         if not (on_stop_2(run) and run.stop_2 != run.target_2):
             return False
@@ -85,7 +85,7 @@ def put_between_stops(run: Run, stop: int) -> bool:
 
 
 @kernel
-def hold_stop(constants: RigConstants, run: Run, stop: int) -> None:
+def block_stop(constants: RigConstants, run: Run, stop: int) -> None:
     """Let a stop stand where it has met m."""
     if stop == 1:
         # The stops never cross; with m on both there is no room between them.
@@ -119,7 +119,7 @@ def touch(moving: Moving, stop: int) -> bool:
         return True
     mode_before = run.mode
     relative = run.relative_velocity
-    hold_stop(constants, run, stop)
+    block_stop(constants, run, stop)
     write_quiet(run, log, STOP_TOUCHED, stop)
     if relative == 0.0:
         rest(moving)
@@ -204,7 +204,7 @@ def resolve(moving: Moving) -> None:
         put_on_stop(constants, run, stop)
         write_quiet(run, log, STOP_ARRIVED, stop)
     elif kind == OUTRUN:
-        # Exactly as fast as m, so that they come apart from here
+        # The stop is exactly as fast as m, so that both come apart from here.
         if direction < 0:
             run.stop_velocity_1 = run.relative_velocity = -run.speed_1
         else:
@@ -235,7 +235,7 @@ def begin_from(moving: Moving) -> None:
         mode = run.mode
         left = run.chatter_left
         rest(moving)
-        # A chatter that its stop still bears comes to rest when it would have done.
+        # A chatter on a stop that still bears m keeps its instant of rest.
         if mode >= CHATTER_1 and stop_under(run.mode) == stop_under(mode):
             run.mode = mode
             run.chatter_left = left

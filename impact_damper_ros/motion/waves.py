@@ -69,7 +69,7 @@ def set_waves(lines: Lines, waves: Waves) -> None:
 
 @kernel(inline=True)
 def waves_to_origin(waves: Waves) -> None:
-    """Set the waves where the search is to those at the origin."""
+    """Set the waves of the search to those at the origin."""
     for j in range(len(waves)):
         waves[j].sine = waves[j].sine_0
         waves[j].cosine = waves[j].cosine_0
@@ -98,8 +98,8 @@ def next_point(
     v_x: float,
     v_v: float,
 ) -> tuple[float, float]:
-    """Return X from rest and X' at the next point of the grid, and go on to the waves there."""
-    # Negative zero is what adds nothing, which a compiler makes use of.
+    """Return X from rest and X' at the next point of the grid, and advance the waves to it."""
+    # To add negative zero changes nothing, and a compiler leaves it out.
     pushed = -0.0
     speeded = -0.0
     for j in range(len(waves)):
@@ -134,7 +134,7 @@ def turn_back(lines: Lines, first: int, waves: Waves) -> None:
 
 @kernel(inline=True)
 def drive_at(lines: Lines, first: int, waves: Waves) -> float:
-    """Return the acceleration by the harmonics where the waves are."""
+    """Return the acceleration by the harmonics at the instant of the waves."""
     drive = -0.0
     for j in range(len(waves)):
         drive += lines[first + j].force * waves[j].sine
@@ -154,12 +154,12 @@ def drive_before(lines: Lines, waves: Waves) -> float:
 
 @kernel(inline=True)
 def drive_rates(lines: Lines, waves: Waves) -> tuple[float, float]:
-    """Return the rates of what `drive_before` returns, at the point before and at the waves."""
+    """Return the rates of `drive_at`, at the point before and at the instant of the waves."""
     before = now = -0.0
     for j in range(len(waves)):
         line = lines[j]
         wave = waves[j]
-        push = line.force * line.frequency
-        before += push * (wave.cosine * line.turn_cosine + wave.sine * line.turn_sine)
-        now += push * wave.cosine
+        rate = line.force * line.frequency
+        before += rate * (wave.cosine * line.turn_cosine + wave.sine * line.turn_sine)
+        now += rate * wave.cosine
     return before, now

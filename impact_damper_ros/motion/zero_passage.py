@@ -58,7 +58,7 @@ def passage_by_series(
         return nan
     guess = falling_root(side * x_a, side * velocity_a, side * x_b, side * velocity_b, step)
     t, x, velocity = t_a + step, x_b, velocity_b
-    # By the nearer point
+    # The series about the nearer point
     if guess > 0.5 * step:
         guess -= step
     else:
@@ -132,7 +132,7 @@ def search_passage(moving: Moving) -> None:
                 instant, _ = advance_time(run.time, run.time_low, root)
                 # A passage at the origin belongs to this flight and comes after it.
                 run.crossing = max(nextafter(run.time, inf), instant)
-            # The waves are elsewhere now: the search begins again from here.
+            # The waves are at another instant now: the search begins again from here.
             return
         x_a = x_b
         velocity_a = velocity_b

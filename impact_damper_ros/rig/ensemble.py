@@ -56,9 +56,9 @@ from .runaway import MOST_IN_PERIOD
 _BLOCK = 64
 #: Parameters that are arrays, or that change the form of the force.
 _SHARED = ('force_', 'multisine_', 'sweep_')
-#: Rows in which the control finds what the stops do.
+#: Rows of events, in which the control finds the motion of the stops.
 _LOG_ROWS = 64
-#: How many times more commands may wait, where there was no room for all.
+#: Factor by which the room for commands grows where it was too small.
 _MORE = 8
 
 
@@ -96,7 +96,7 @@ class EnsembleResult(NamedTuple):
     actuator_energies: npt.NDArray[np.float64]
 
     def __repr__(self) -> str:
-        """Return what it holds in a line."""
+        """Return a summary in one line."""
         whole = int((self.outcomes == Outcome.COMPLETE).sum())
         return (
             f'<EnsembleResult: {plural(len(self.times), "rig")}, {whole} complete, '
@@ -104,13 +104,13 @@ class EnsembleResult(NamedTuple):
         )
 
 
-#: Parameters that are numbers of each rig.
+#: Parameters that may differ from rig to rig.
 _NUMBERS = [
     name
     for name, spec in PARAMETER_SPECS.items()
     if isinstance(spec.default, float) and not name.startswith(_SHARED)
 ]
-#: Those of its control.
+#: Parameters of the control that may differ.
 _CONTROL_NUMBERS = [
     name for name, spec in GAP_CONTROL_SPECS.items() if isinstance(spec.default, int | float)
 ]
@@ -178,7 +178,7 @@ def _controls(control: Control, p: Any, count: int) -> Control:
 
 
 def _some(controls: Any, rows: Any) -> Control:
-    """Return some of the controls."""
+    """Return the controls in some rows."""
     parts: list[Any] = [part if part is controls.law else part[rows] for part in controls]
     return Control(*parts)
 
@@ -260,7 +260,7 @@ def run_ensemble(
     Raises
     ------
     TypeError
-        If the rig is none.
+        If `parameters` is no `RigParameters`.
     ParameterError
         If a value is out of range, or varies something that all share.
     ValueError
@@ -296,8 +296,9 @@ def run_ensemble(
         one_sided=parameters.one_sided,
     )
     vars(p).update(columns)
-    # What holds between parameters: the rig next to critical damping, the narrowest gap, the gaps
-    # of the control that are next to each other, and the slowest actuator
+    # Conditions between parameters are checked for the extreme rigs only: next to critical
+    # damping, with the narrowest gap, with the least range of the gap control, with the slowest
+    # actuator.
     closest = int(np.argmax(p.damping / np.sqrt(p.stiffness * p.primary_mass)))
     start = initial or InitialConditions()
     least = p.gap, p.gap_max - p.gap_min, p.actuator_speed
@@ -359,7 +360,7 @@ def _run_all(
     when: npt.NDArray[np.float64],
     threads: int | None,
 ) -> EnsembleResult:
-    """Let all rigs run, block by block, on some threads."""
+    """Let all rigs run, block by block, in threads."""
     constants, lines, runs, waves = arrays
     samples = np.full((len(runs), len(when), len(Sample._fields)), np.nan)
     outcomes, in_mode = np.zeros(len(runs), np.int64), np.zeros((len(runs), len(Mode)))

@@ -3,9 +3,9 @@
 The run loop: the next event or the next act, whichever is earlier.
 
 Acts are what happens to a rig at given times: samples and commands of its control, the next value
-of a measured record, a step of the stepped sine, and the instants at which the motion is asked
-for. Samples of the control lie on the grid k/rate; passages of X through zero and the starts of
-stops are at their own exact instants.
+of a measured record, a step of the stepped sine, and the instants of requested samples. Samples of
+the control lie on the grid k/rate; passages of X through zero and the starts of stops are at their
+own exact instants.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from impact_damper_ros.control.actuator import (
 from impact_damper_ros.control.controller import (
     end_sample,
     has_law,
-    holds_off,
     is_blind,
+    is_ignored,
     next_sample,
     note_return,
+    passage_index,
     sensor_sample,
-    take_crossing,
+    take_passage,
     take_sample,
-    trigger_number,
 )
 from impact_damper_ros.control.own_law import law_failed
 from impact_damper_ros.control.state import Control, ControlSettings, Estimates, Measurement
@@ -66,8 +66,8 @@ from impact_damper_ros.motion.next_event import (
     count_event,
     count_modes,
     may_go_on,
-    next_crossing,
     next_event,
+    next_passage,
 )
 from impact_damper_ros.motion.state import Moving, Run, carried_to
 from impact_damper_ros.motion.transition import begin_from, report_support, resolve
@@ -77,7 +77,7 @@ from impact_damper_ros.motion.zero_passage import pass_zero, set_side
 _COMMAND, _ARRIVED, _TOUCHED, _CROSSING, _STARTED, _ = map(int, Action)
 
 #: What comes next in a run besides events, in the order of acts at one instant: a passage of X, a
-#: command, a sample of the control, a step of the sine, of a record, a sample asked for, the end.
+#: command, a sample of the control, a step of the sine, of a record, a requested sample, the end.
 ACT_CROSSING, ACT_COMMAND, ACT_SENSE, ACT_SWEEP, ACT_RECORD, ACT_SAMPLE, ACT_END = range(7)
 
 
@@ -145,7 +145,7 @@ def stops_now(moving: Moving) -> tuple[float, float]:
 
 @kernel
 def write_act(control: Control, acts: Sequence[ActRow], action: int, time: float) -> None:
-    """Write what the control did, but not the same twice: stops arrive together."""
+    """Write an act of the control, but not the same twice: two stops may arrive together."""
     controller = control.controller
     if controller.room == 0:
         return
@@ -182,7 +182,7 @@ def write_act(control: Control, acts: Sequence[ActRow], action: int, time: float
 
 @kernel
 def note_stops(run: Run, log: Log, control: Control, acts: Sequence[ActRow], first: int) -> None:
-    """Note the stops that arrived, met m or went on, by the events from a row on."""
+    """Note the stops that arrived, met m or moved on, by the events from a row on."""
     for k in range(first, run.written):
         row = log[k]
         if row.kind == STOP_ARRIVED:
@@ -204,12 +204,12 @@ def perform_passage(moving: Moving, control: Control, acts: Sequence[ActRow]) ->
     write_passage(moving)
     pass_zero(run)
     run.happened += 1
-    if holds_off(control, run.now):
+    if is_ignored(control, run.now):
         return
     rising = log[run.written - 1].primary_velocity_after > 0.0
-    number = trigger_number(control)
+    number = passage_index(control)
     seen = measure(moving, control.settings, control.estimates, number)
-    take_crossing(control, seen, rising)
+    take_passage(control, seen, rising)
     write_act(control, acts, _CROSSING, run.now)
 
 
@@ -360,7 +360,7 @@ def next_act(run: Run, control: Any, schedule: Schedule, end: float) -> tuple[fl
 
 @kernel
 def take_rows(moving: Moving, control: Any, schedule: Schedule) -> None:
-    """Take the sample that is asked for now, and those up to which nothing else happens."""
+    """Take the requested sample that is due, and those before anything else happens."""
     run = moving.run
     until = min(quiet_until(run), next_step(run, schedule), run.sweep_due)
     if control is not None:
@@ -449,7 +449,7 @@ def run_to(
         if not next_event(moving, time):
             return PAUSED
         if control is not None and run.watch:
-            if not next_crossing(moving, time):
+            if not next_passage(moving, time):
                 return PAUSED
             if run.crossing <= min(time, run.due):
                 time = run.crossing
@@ -474,7 +474,7 @@ def run_to(
 @dataclass(slots=True)
 class Strobe:
     """
-    A run whose motion is looked at once in a cycle, until it comes back to where it was.
+    A run that ends once its state comes back: states at the ends of cycles are compared.
 
     Attributes
     ----------
@@ -487,9 +487,9 @@ class Strobe:
     most, most_events : int
         Most cycles, and most events.
     cycles, next : int
-        Cycles that are done, and those at the next look.
+        Cycles that are done, and cycles at the next comparison.
     happened : int
-        Events before the last look.
+        Events before the last comparison.
     """
 
     start: float
@@ -503,7 +503,7 @@ class Strobe:
     happened: int = 0
 
 
-#: Cycles between two looks, and how many states before the last one it is compared with.
+#: Cycles between two comparisons, and number of earlier states that the last one is compared with.
 CYCLES_OF_A_LOOK = 50
 _STATES_BEFORE = 16
 #: Columns of samples that hold X, Z, X' and Z'.
@@ -515,7 +515,7 @@ _COLUMN_X, _COLUMN_Z, _COLUMN_V, _COLUMN_W = _STATE_COLUMNS
 
 @kernel
 def next_look(run: Run, schedule: Schedule, strobe: Strobe) -> float:
-    """Ask for the states at the ends of the cycles up to the next look; return when that is."""
+    """Request the states at the ends of cycles up to the next comparison; return its instant."""
     if strobe.next == strobe.cycles:
         strobe.next = min(strobe.cycles + CYCLES_OF_A_LOOK, strobe.most)
         run.sampled = 0
@@ -530,7 +530,7 @@ def next_look(run: Run, schedule: Schedule, strobe: Strobe) -> float:
 
 @kernel
 def comes_back(samples: Any, strobe: Strobe) -> bool:
-    """Return whether the last state of a look is close to one of those before it."""
+    """Return whether the last of some states is close to one of those before it."""
     count = strobe.next - strobe.cycles
     if count < 2:
         return False
@@ -560,7 +560,7 @@ def comes_back(samples: Any, strobe: Strobe) -> bool:
 
 @kernel
 def goes_on(run: Run, schedule: Schedule, strobe: Strobe) -> bool:
-    """Take a look at the motion, and return whether the run goes on."""
+    """Compare the states, and return whether the run goes on."""
     back = comes_back(schedule.samples, strobe)
     strobe.cycles = strobe.next
     if back or strobe.cycles == strobe.most:
@@ -586,12 +586,11 @@ def run_each(
     strobes: Any,
 ) -> int:
     """
-    Let each of some rigs run as `run_to` does; why it stopped is in `outcomes`.
+    Let each rig run as `run_to` does, and write into `outcomes` why it stopped.
 
-    From its start, if `anew`, or until its motion comes back, if there are strobes: its events are
-    not kept then, and `log` is where its control finds what the stops do. Rigs with one harmonic
-    have a row of waves each, not an array: their code has no loop over harmonics, as their number
-    is known.
+    A rig runs from its start if `anew`, and until its motion comes back if there are strobes. Its
+    events are not kept then: only its control reads them, in `log`. Rigs with one harmonic have a
+    row of waves each, not an array, and their code has no loop over harmonics.
     """
     constants, lines, runs = rigs
     for k in range(len(waves)):
@@ -603,7 +602,7 @@ def run_each(
         if controls is None:
             control = None
         else:
-            # Here, as no compiled function can return it
+            # The table is made here, since no compiled function can return one.
             control = Control(
                 controls[0][k],
                 controls[1][k],
@@ -641,10 +640,10 @@ def run_each(
 
 #: Times and values of the measured records of a rig, as arrays.
 Records = tuple[Any, ...]
-#: Those of a rig on which none acts: no value, and no time at which one would.
+#: Times of a rig without measured records: no value acts at any time.
 NO_TIMES: list[float] = [inf, inf]
 NO_RECORDS: Records = (np.array(NO_TIMES), np.empty(0), np.array(NO_TIMES), np.empty(0))
-#: A table of acts that has no room.
+#: A table of acts without rows.
 NO_ACTS: Any = np.empty(0, dtype_of(ActRow))
 NO_STROBES: Any = np.empty(0, dtype_of(Strobe))
 
@@ -668,7 +667,7 @@ def run_compiled(
     """Run arrays of rigs as `run_each` does, compiled."""
     alone = waves.shape[1] == 1 and controls is None
     arguments = (
-        # The type of a named tuple would be looked up by numba at each call
+        # For a named tuple numba would determine the type at each call.
         *(waves[:, 0] if alone else waves, None if controls is None else tuple(controls)),
         *(None if controls is None else acts, rigs),
         *(log, in_mode, end, outcomes, instants, samples, records, anew, strobes),
@@ -679,7 +678,7 @@ def run_compiled(
     try:
         compiled_kernel(run_each.__name__, arguments, form=form)(*arguments)
     except SystemError as error:
-        # What a signal raises just as compiled code returns
+        # An error that a signal raises just as compiled code returns
         if isinstance(error.__cause__, KeyboardInterrupt):
             raise error.__cause__ from None
         raise

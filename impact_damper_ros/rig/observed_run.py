@@ -97,10 +97,10 @@ class Observer:
         self.take_events(events)
 
     def take_refusal(self, order: TimedOrder, error: ParameterError) -> None:
-        """Take an order that the rig cannot carry out, and why."""
+        """Take an order that the rig cannot carry out, and the reason."""
 
     def look_at(self, instant: float) -> None:
-        """Look at the rig, which has stopped at an instant; one of `ticks` or another one."""
+        """Look at the rig, which has stopped at an instant of `ticks` or at another one."""
 
 
 def run(
@@ -132,14 +132,14 @@ def run(
     most_in_period : float, optional
         Most events of the rig within a period, see `Rig.advance`.
     begun : bool, optional
-        Whether the run goes on from another one: what is due at once then happens on the way on.
+        Whether the run continues another one, and so begins with the events that are due at once.
 
     Raises
     ------
     TypeError
         If the rig is no `Rig`.
     RunawayError
-        If the rig has more events than that; the observers have seen all of them.
+        If the rig has more events than `most_in_period`; the observers have seen all of them.
 
     Examples
     --------
@@ -196,7 +196,7 @@ def _advance(
 
 
 def _change(rig: Rig, change: TimedChange, observers: Sequence[Observer]) -> TimedChange | None:
-    """Change a rig; return what of the change waits for the base, if anything does."""
+    """Change a rig; return the part of the change that waits for the base, if any."""
     now, due_ns = made_at_once(rig, change.parameters)
     rest = waiting_values(now, change.parameters)
     values = {name: value for name, value in change.values.items() if name not in rest}
@@ -212,7 +212,7 @@ def _change_all(rig: Rig, change: TimedChange, observers: Sequence[Observer]) ->
 
 
 def _order(rig: Rig, due: TimedOrder, observers: Sequence[Observer]) -> None:
-    """Carry out an order, unless the rig cannot."""
+    """Carry out an order, or report to the observers why the rig cannot."""
     try:
         events = rig.order(due.order)
     except ParameterError as error:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Orders: what a controller outside the rig commands.
+Orders: commands of a controller outside the rig.
 
 Under ``gap_control: external`` no law acts. Orders move the stops, by the actuators, and push M.
 An order is an act like those of a law: it has an exact instant and is reported as an `ORDER`, so
@@ -20,13 +20,13 @@ from impact_damper_ros.parameters.parameter_spec import ParameterError
 if TYPE_CHECKING:
     from impact_damper_ros.control.state import Control
 
-#: Ranges of what is ordered: m/s, N.
+#: Ranges of the speeds, m/s, and of the forces, N.
 SPEEDS, FORCES = (1e-6, 1e9), (-1e12, 1e12)
 
 
 class Order(NamedTuple):
     """
-    What a controller commands; NaN for what stays as it is.
+    A command of a controller outside the rig; NaN leaves a quantity as it is.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Order(NamedTuple):
 
     @property
     def stops(self) -> bool:
-        """Whether it moves a stop."""
+        """Whether the order moves a stop."""
         return self.stop_1 == self.stop_1 or self.stop_2 == self.stop_2
 
     def check(self, control: Control) -> None:

@@ -99,15 +99,15 @@ class Rig(RigState):
         Its gap control; off, if not given.
     law : callable, optional
         A law of your own, `law(seen, memory) -> (stop_1, stop_2)`, that moves the stops in place
-        of the one that `gap_control` names, unless that is off; see `own_law.LawInput`. The
-        control is on, if it is not given.
+        of the law that `gap_control` names, unless `gap_control` is off; see `own_law.LawInput`.
+        With a law and no `control` the control is on.
     compiled : bool, optional
-        Whether compiled code runs; plain Python, if not given. None stands for wherever numba is
-        installed and, with a law of your own, has compiled that. The motion is the same, to the
-        last bit.
+        Whether compiled code runs; plain Python, if not given. None stands for compiled code where
+        numba is installed and has compiled the law, if there is one. The motion is the same, to
+        the last bit.
     records : sequence of MeasuredRecord, optional
-        Measured force on M, beside that of the parameters, and acceleration of the base: one of
-        each at most, from the start and anew from each reset.
+        Measured force on M, which adds to that of the parameters, and measured acceleration of the
+        base: at most one of each. They begin at the start and at each reset.
 
     Raises
     ------
@@ -118,7 +118,7 @@ class Rig(RigState):
     ValueError
         If the time is out of range.
     LawError
-        If the law cannot be called so.
+        If the law cannot be called with two arguments.
     ImportError
         If `compiled` without numba.
 
@@ -159,7 +159,7 @@ class Rig(RigState):
         most_in_period : float, optional
             Most events within one period of the fastest of spring and force (rounded up), counted
             anew after each change of the rig. Impacts of elastic stops to which m is pressed have
-            no end; the rig then stops at the last one that it may have.
+            no end; the rig then stops at the last event allowed.
         interrupted : callable, optional
             Called now and then; once it returns true, the rig stops.
 
@@ -175,7 +175,7 @@ class Rig(RigState):
             If the time is before the present one or after 1e13 s, or the number of events is
             negative or NaN.
         RunawayError
-            If the rig has more events than it may have; those that it had are in the error.
+            If the rig has more events than allowed; the error holds those that it had.
         LawError
             If a law of the user's own fails; the rig is then where it was.
         """
@@ -216,8 +216,9 @@ class Rig(RigState):
         """
         Let the loop run to a time, plain or compiled; return why it stopped, and how many events.
 
-        It comes back where a table is full, or now and then to be interrupted, and for each step
-        of the sine, which changes constants of the rig. After an error the rig is where it was.
+        The loop returns where a table is full, now and then so that the run can be interrupted,
+        and for each step of the sine, which changes constants of the rig. After an error the rig
+        is where it was.
         """
         before, run, happened = self.mark(), self._run, 0
         tables.add(*self._unreported)
@@ -316,7 +317,7 @@ class Rig(RigState):
         instants : array_like of float, optional
             Instants at which to sample, s: ascending, from the present time to the one to reach.
         record : bool, optional
-            Whether to return the events, and to have the acts of the control in `records`.
+            Whether to return the events, and to have the acts of the control in `acts`.
         most_events : float, optional
             Most events of the run (rounded up), the steps of a stepped sine among them. With
             elastic stops to which m is pressed they may have no end; the run then ends here, or
@@ -365,7 +366,7 @@ class Rig(RigState):
         interrupted: Callable[[], bool] = lambda: False,
     ) -> tuple[int, int]:
         """
-        Run until the state at the end of a cycle is that at the end of one of the cycles before.
+        Run until the state at the end of a cycle equals that at the end of an earlier cycle.
 
         Parameters
         ----------
@@ -389,7 +390,7 @@ class Rig(RigState):
         Raises
         ------
         RunawayError
-            If the rig has more events than it may have.
+            If the rig has more events than allowed.
         """
         start, happened = self.time, 0
         strobe = Strobe(start, cycle, rate, tolerance, cycles, most_events)
@@ -398,7 +399,7 @@ class Rig(RigState):
             samples=np.empty((CYCLES_OF_A_LOOK, len(Sample._fields))),
         )
         while True:
-            # Compiled code takes the looks itself
+            # Compiled code compares the states itself.
             end = start + cycles * cycle if self.compiled else next_look(self._run, looks, strobe)
             status, count = self._run_to(
                 *(end, RunTables(keep=False, since=start, end=end)),
@@ -434,7 +435,8 @@ class Rig(RigState):
             self._packed_records = tuple(map(np.array, self._schedule[2:]))
         rows, acts = tables.room(run.now), NO_ACTS
         if not tables.keep and (controlled or self._playbacks):
-            # What the stops do, and the number of events at a step, is read from the events.
+            # The control reads the motion of the stops in the table of events, a step their
+            # number.
             rows = np.empty(FIRST_ROWS, dtype_of(EventRow))
         elif controlled:
             acts = np.empty(FIRST_ROWS, dtype_of(ActRow))
@@ -488,11 +490,11 @@ class Rig(RigState):
         Notes
         -----
         The angle turned by each harmonic is continuous, so that a change of frequency does not
-        jump the force; an added harmonic starts at its phase. Another motion of the base begins at
-        an upward zero of its own, unless its lines go on continuously with their angles; see
-        `wait_for_change`. A change of a parameter of the stepped sine starts it anew, any other
-        change leaves its step alone. The position of M in the laboratory is continuous where its
-        static deflection changes.
+        jump the force; an added harmonic starts at its phase. A new motion of the base begins at
+        one of its upward zeros, unless its lines continue at their angles; see `wait_for_change`.
+        A change of a parameter of the stepped sine starts it anew, any other change leaves its
+        step alone. The position of M in the laboratory is continuous where its static deflection
+        changes.
 
         Another `gap` or `one_sided` sends both stops to half the gap from the middle, at once, as
         `move_stops` does, and ends their movements. An active law moves the stops from there.
@@ -525,7 +527,7 @@ class Rig(RigState):
             self._gap_control = control
             self._control = with_new_settings(self._control, settings, self.time)
             if control.gap_control != 'external':
-                events += self._push(0.0)
+                events += self._apply_force(0.0)
         return events
 
     def check_change(self, parameters: RigParameters, control: GapControlParameters) -> None:
@@ -561,8 +563,9 @@ class Rig(RigState):
         """
         Return how long a `change` of the rig has to wait so that its base moves continuously, s.
 
-        0 where the motion of the base is not changed, or is continuous anyway. Elsewhere the time
-        until the base next passes zero upwards: the new motion begins at such a passage, too.
+        The time is 0 where the motion of the base does not change, or is continuous anyway.
+        Otherwise the change waits until the base passes zero upwards, where the new motion begins,
+        too.
         """
         again = sweep_of(parameters) == sweep_of(self._parameters)
         after = rig_at(parameters, self._sweep.step if again else 0)
@@ -595,9 +598,9 @@ class Rig(RigState):
 
         Notes
         -----
-        A stop goes to its target as far as m lets it, and never does work. Where it meets m, m
-        holds it up (`STOP_TOUCHED`): if m moves outwards, m hits the standing stop (`IMPACT`); if
-        inwards, the stop follows m, touching it, and goes on by itself once m is faster
+        A stop goes to its target as far as m lets it, and never does work. Where the stop meets m,
+        m blocks it (`STOP_TOUCHED`): if m moves outwards, m hits the standing stop (`IMPACT`); if
+        inwards, the stop follows in contact with m, and moves by itself again once m is faster
         (`STOP_STARTED`). A stop that moves at once is placed at m, where m is in its way, and then
         follows m however fast. A stop that moves away from m at rest on it leaves m without
         support: friction holds m, or m leaves (`RELEASE`) and may catch up with the stop. Between
@@ -626,7 +629,7 @@ class Rig(RigState):
         ----------
         order : Order
             Stops go to their places by the actuators, with their delay and speed. The force on M
-            is constant until the next one.
+            is constant until the next order with a force.
 
         Returns
         -------
@@ -650,13 +653,13 @@ class Rig(RigState):
         act = order.as_act(self._control, self.time)
         if self._control.actuators.waiting + MOST_ORDERS > len(self._control.commands):
             self._control = self._control.with_more_room()
-        events = self._push(order.force) if order.force == order.force else []
+        events = self._apply_force(order.force) if order.force == order.force else []
         # Stops that move at once are there now.
         events += self.advance(self.time)
         self._acts = [act, *self._acts]
         return events
 
-    def _push(self, force: float) -> list[Event]:
+    def _apply_force(self, force: float) -> list[Event]:
         """Let an active force act on M, in a flight of its own."""
         run, before = self._run, self._run.mode
         if force == run.force:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of a run: how it ended, its events and samples, and the tables that grow in it."""
+"""The result of a run: how it ended, its events and samples, and the tables that grow in it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from impact_damper_ros.parameters.quoting import plural
 
 from .runaway import REMEDY
 
-#: Initial rows of the table of a run; rows of 4 MB, and most rows allotted beyond twice the size.
+#: Initial rows of the table of a run; rows in 4 MB; most rows by which a table grows at once.
 FIRST_ROWS = 4096
 _LARGE = 2**22 // EVENT_TYPE.itemsize + 1
 _MOST_AHEAD = 1_000_000
@@ -65,7 +65,7 @@ class Outcome(IntEnum):
     COMPLETE = DONE
     #: The most events were reached; the rig may go on.
     TOO_MANY_EVENTS = SPENT
-    #: The rig has more events in one period of the fastest of spring and force than it may have.
+    #: More events than allowed happened in one period of the fastest of spring and force.
     RUNAWAY = RUNAWAY
 
     def reason(self, happened: int, since: float, time: float, mode: str) -> str:
@@ -121,7 +121,7 @@ class RunResult(NamedTuple):
     time_in_mode: npt.NDArray[np.float64]
 
     def __repr__(self) -> str:
-        """Return what it holds in a line."""
+        """Return a summary in one line."""
         reached = 'complete' if not self.reason else self.reason
         return (
             f'<RunResult: {reached} at {self.time:.9g} s, {plural(len(self.samples), "sample")}, '
@@ -140,7 +140,7 @@ class RunTables:
     """
     The events, and the acts of the control, of a run from `since` to `end`, s, if `keep`.
 
-    Of plain kernels the events are a list at once, if `listed`.
+    With `listed` the events, written by plain kernels, are kept as a list.
     """
 
     def __init__(self, *, keep: bool, since: float, end: float, listed: bool = False) -> None:

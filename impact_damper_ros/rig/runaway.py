@@ -3,7 +3,7 @@
 Rigs whose events have no end.
 
 Elastic stops to which weight or compressed air presses m make impacts ever faster: 1e8 per second
-and more. Whoever advances a rig says how many it may have in a period.
+and more. A caller that advances a rig limits the events in a period.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class RunawayError(RuntimeError):
     Attributes
     ----------
     events : sequence of Event
-        Those that it had in the call that ends so.
+        Events of the call that raises the error.
     """
 
     def __init__(self, reason: str, events: Sequence[Event] = ()) -> None:

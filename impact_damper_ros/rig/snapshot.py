@@ -40,9 +40,10 @@ def upgraded_from_1(document: Document) -> Document:
     return {**document, 'state': {**state, 'parameters': parameters}}
 
 
-#: What leads from the format of version 1.0 to the present one, see `parameters.upgrades`: that of
-#: all that is kept of a rig, its state and the messages of a bag, which its snapshots describe. A
-#: document is the message of a snapshot, or {'state': state} of one that was taken in Python.
+#: Steps from the format of version 1.0 to the present one, see `parameters.upgrades`. The format
+#: is that of all that is kept of a rig: its state, and the messages of a bag, which its snapshots
+#: describe. A document is the message of a snapshot, or {'state': state} of one that was taken in
+#: Python.
 UPGRADES: tuple[Upgrade, ...] = (upgraded_from_1,)
 #: Raised when the same motion gets other last bits: older runs then agree to round-off only.
 #: Another order of operations does that, another root finder or bound, and another function of a
@@ -51,7 +52,7 @@ UPGRADES: tuple[Upgrade, ...] = (upgraded_from_1,)
 ARITHMETIC = 1
 #: Latest time that a rig can reach, s; there the floats are 2 ms apart.
 LATEST = 1e13
-#: Rounding: what a state says of its time may differ by this, s.
+#: Rounding error that is allowed between the times in a state, s.
 SAME_TIME = 1e-6
 #: Largest number of a motion; the products of larger ones are not finite.
 _LARGEST = 1e100
@@ -70,7 +71,7 @@ _RANGES: dict[str, tuple[float, float]] = {
         (0.0, _LARGEST),
     ),
 }
-#: Infinite where there is none; JSON has no number for that.
+#: Fields that are infinite where there is no such stop or instant; JSON has no number for that.
 _MAY_BE_INFINITE = ('clearance_2', 'crossing', 'speed_1', 'speed_2')
 
 
@@ -160,7 +161,7 @@ class Snapshot(NamedTuple):
     unreported : tuple of Event
         Events at the start that have not been reported yet.
     sweep : SteppedSine
-        How far its stepped sine has come.
+        State of its stepped sine.
     playbacks : tuple of Playback
         The measured records that act, or have ended.
     """
@@ -198,7 +199,7 @@ class Snapshot(NamedTuple):
         }
 
     def _of_records(self) -> dict[str, Any]:
-        """Return what a snapshot has if measured records act."""
+        """Return the entries of a snapshot of a rig with measured records."""
         if not self.playbacks:
             return {}
         moved = {name: getattr(self.run, name) for name in RECORDED}

@@ -3,10 +3,10 @@
 Stepped sine: a schedule of timed changes of the first harmonic.
 
 A step changes the frequency of the first line of the force, or of the base where no force acts;
-a base of constant velocity or acceleration changes its displacement with it. The angle of the
-line goes on, so that the force, and the place of the base, are continuous. The instants of the
-steps are counted from the start, so that a long sweep does not drift; where the size of the line
-changes, a step waits for the next upward zero of the line.
+a base of constant velocity or acceleration changes its displacement with it. The angle of the line
+is continuous, and so are the force and the place of the base. The instants of the steps are
+counted from the start, so that a long sweep does not drift; where the size of the line changes, a
+step waits for the next upward zero of the line.
 """
 
 from __future__ import annotations
@@ -100,9 +100,9 @@ def _waits_for_zero(parameters: RigParameters) -> bool:
 
 def _zero_from(parameters: RigParameters, asked: float, now: float, angle: float) -> float:
     """
-    Return the first instant, s, later than now, from an asked one on, of an upward zero.
+    Return the first upward zero of the swept line later than now and not before `asked`, s.
 
-    Of the swept line, which has that angle now; with NaN it passes zero upwards now.
+    The line has the given angle now; with NaN it passes zero upwards now.
     """
     amplitude, frequency, phase = parameters.first_line
     period = tau / frequency
@@ -114,12 +114,12 @@ def _zero_from(parameters: RigParameters, asked: float, now: float, angle: float
 
 class SteppedSine(NamedTuple):
     """
-    How far a sweep has come: the state of the schedule.
+    State of a sweep: its start, the steps that are done, and the instant of the next.
 
     Attributes
     ----------
     start : float
-        When it was started, s.
+        When the sweep was started, s.
     step : int
         Steps done.
     due : float
@@ -135,9 +135,10 @@ class SteppedSine(NamedTuple):
         cls, parameters: RigParameters, start: float, step: int, now: float, angle: float
     ) -> SteppedSine:
         """
-        Return a sweep that has done some steps, s.
+        Return the state of a sweep that has done some steps.
 
-        `angle` is that of the swept line now, rad. A sweep that is off has begun at no time.
+        Times are in s; `angle` is that of the swept line now, rad. A sweep that is off has no
+        start.
         """
         if parameters.sweep_mode == 'off':
             return cls(0.0)
@@ -150,7 +151,7 @@ class SteppedSine(NamedTuple):
         return here._replace(due=due)
 
     def as_dict(self) -> dict[str, float | None]:
-        """Return it for JSON, which has no infinity."""
+        """Return the state for JSON, which has no infinity."""
         return {**self._asdict(), 'due': None if self.due == inf else self.due}
 
     @classmethod
@@ -176,7 +177,7 @@ class SteppedSine(NamedTuple):
 
 
 class TimedStep(NamedTuple):
-    """A step of a schedule: from an instant on, s, the rig is another one."""
+    """A step of a schedule: its instant, s, and the rig from then on."""
 
     time: float
     parameters: RigParameters
@@ -193,7 +194,7 @@ class FirstAngle(NamedTuple):
     """
     The angle of the first harmonic until its frequency changes, in cycles.
 
-    From its zeros on phases count, those of orbits too, whatever the phase of the force is.
+    Phases, those of orbits too, count from its zeros, whatever the phase of the force is.
     """
 
     time: float  # an instant, s
@@ -202,7 +203,7 @@ class FirstAngle(NamedTuple):
 
     @classmethod
     def of(cls, rig: RigParameters, time: float, angle: float) -> FirstAngle:
-        """Return that of a rig whose first harmonic has turned by an angle, rad."""
+        """Return the angle of a rig whose first harmonic has turned by `angle`, rad."""
         return cls(time, angle / tau, rig.first_harmonic[1] / tau)
 
     def at(self, time: float) -> float:
@@ -215,7 +216,7 @@ class FirstAngle(NamedTuple):
 
 
 def sweep_of(parameters: RigParameters) -> tuple[object, ...]:
-    """Return what a sweep is made of: a change of any of it starts the sweep anew."""
+    """Return the parameters of a sweep: a change of any of them starts the sweep anew."""
     return _sweep_fields(parameters)
 
 

@@ -17,20 +17,20 @@ from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigPara
 from .rig import Rig
 
 _BASE = tuple(name for name in PARAMETER_SPECS if name.startswith('base_'))
-#: Also the base moves otherwise where a sweep goes from the base to the force.
+#: The motion of the base changes, too, where a sweep moves from the base to the force.
 _FORCING = tuple(n for n in PARAMETER_SPECS if n.startswith(('base_', 'sweep_', 'force_')))
 
 
 def made_at_once(rig: Rig, parameters: RigParameters) -> tuple[RigParameters, int | None]:
     """
-    Return what of a change of a rig is made at once, and when the rest is to be made.
+    Return the part of a change that is made at once, and when the rest is made.
 
     Parameters
     ----------
     rig : Rig
         The rig, at a whole number of nanoseconds.
     parameters : RigParameters
-        All that is to be changed.
+        The rig after the whole change.
 
     Returns
     -------

@@ -9,11 +9,11 @@ from control.controlled_rigs import TRIAL, control
 from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters
 from impact_damper_ros.control.controller import control_of, sensor_sample
 from impact_damper_ros.control.sensors import (
+    expected_passage,
     forget_hits,
     is_too_soon,
     mixed_seed,
-    next_passage,
-    note_crossing,
+    note_passage,
     observe_sample,
     sensor_noise,
 )
@@ -93,7 +93,7 @@ def watched_sine(cycles=20, smoothing=0.3):
             if time < crossing * half:
                 observe_sample(estimates, sine(time), 1.5 / 1.1, 0.0)
         k -= 1
-        note_crossing(estimates, crossing * half, smoothing)
+        note_passage(estimates, crossing * half, smoothing)
     return estimates
 
 
@@ -105,11 +105,11 @@ def test_amplitude_and_rhythm_of_a_sine():
 
 def test_the_amplitude_is_smoothed_as_the_law_says():
     estimates = Estimates()
-    assert not note_crossing(estimates, 0.0, 0.25)
+    assert not note_passage(estimates, 0.0, 0.25)
     assert estimates.amplitude == 0.0
     for k, peak in enumerate((4.0, 2.0, 2.0), start=1):
         observe_sample(estimates, sine(k - 0.5)._replace(x=-peak), 1.5, 0.0)
-        assert note_crossing(estimates, float(k), 0.25)
+        assert note_passage(estimates, float(k), 0.25)
     assert estimates.amplitude == pytest.approx(0.25 * 2 + 0.75 * (0.25 * 2 + 0.75 * 4))
 
 
@@ -118,7 +118,7 @@ def test_the_next_passage_is_foreseen(ahead):
     estimates = watched_sine()
     crossing = 40 * math.pi / 0.7
     observe_sample(estimates, sine(crossing - ahead), 1.5 / 1.1, 0.0)
-    seen = next_passage(estimates)
+    seen = expected_passage(estimates)
     assert seen.time == pytest.approx(crossing, rel=1e-9)
     assert seen.x_rate == pytest.approx(3.0 * 0.7, rel=1e-9)
     assert seen.y == pytest.approx(1.0 + 0.4 * crossing, rel=1e-9)
@@ -130,7 +130,7 @@ def test_no_passage_is_foreseen_just_after_one():
     crossing = 39 * math.pi / 0.7
     for x in (1e-3, -1e-3):
         observe_sample(estimates, sine(crossing + 0.01)._replace(x=x), 1.5 / 1.1, 0.0)
-        seen = next_passage(estimates)
+        seen = expected_passage(estimates)
         assert math.isnan(seen.time) or seen.time > crossing + 2.0
 
 
@@ -140,7 +140,7 @@ def test_impacts_are_found_between_the_samples(rate):
     rig = Rig(TRIAL)
     rig.advance(200.0)
     estimates = Estimates()
-    rebound = damper_of(TRIAL).rebound
+    jump = damper_of(TRIAL).damper_jump
     found, events = [], []
     for k in range(int(200 * rate), int(300 * rate)):
         events += rig.advance(k / rate)
@@ -149,7 +149,7 @@ def test_impacts_are_found_between_the_samples(rate):
         observe_sample(
             estimates,
             Measurement(s.time, s.x, s.primary_velocity, s.z - s.x, y_rate, 10.0, -10.0),
-            rebound,
+            jump,
             0.0,
         )
         hits = (
@@ -247,13 +247,13 @@ def test_a_frozen_sensor_repeats_its_last_sample():
 
 def jump(share, speed, side, noise=0.0):
     """Return with which speed an impact is detected in m that reverses; NaN if none is."""
-    estimates, rebound = Estimates(), 1.5
-    y_rate, z_rate = -0.001 * side, side * speed * (1.0 - share * rebound)
+    estimates, jump = Estimates(), 1.5
+    y_rate, z_rate = -0.001 * side, side * speed * (1.0 - share * jump)
     for seen in (
         Measurement(0.0, 0.0, 0.0, 0.0, side * speed, 5.0, -5.0),
         Measurement(0.1, 0.0, z_rate - y_rate, 0.0, y_rate, 5.0, -5.0),
     ):
-        observe_sample(estimates, seen, rebound, noise)
+        observe_sample(estimates, seen, jump, noise)
     return estimates.hit_speed_1 if side > 0 else estimates.hit_speed_2
 
 

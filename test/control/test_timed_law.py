@@ -54,7 +54,7 @@ def test_both_conditions_hold_at_every_timed_impact(name, stops):
             assert outwards > 0.5 * rig.control.gap_min
         # ... and M loses energy.
         assert x_rate * y_rate < 0.0
-        assert damper.push * abs(y_rate) < 2.0 * abs(x_rate)
+        assert damper.primary_jump * abs(y_rate) < 2.0 * abs(x_rate)
         assert abs(event.primary_velocity_after) < abs(x_rate)
         # At the passage of X through zero, the trigger's own instant
         assert event.time in triggers
@@ -117,7 +117,7 @@ def test_which_stop_is_closed(values, symmetric, independent):
 def test_the_energy_condition_is_that_of_the_impact():
     """M's kinetic energy falls just as long as c |Y'| < 2 |X'|; against the momentum balance."""
     damper = damper_of(TRIAL)
-    limit = 2.0 * 2.0 / damper.push
+    limit = 2.0 * 2.0 / damper.primary_jump
     for y_rate, falls in ((0.999 * limit, True), (1.001 * limit, False)):
         x_rate, z_rate = -2.0, y_rate - 2.0
         mu, restitution = 0.1, 0.5
