@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The clock of samples: equal intervals, whose instants may have few digits, and holes in it.
+The clock of samples: equal intervals, rounded instants, and missing samples.
 
 A logger of 512 Hz that writes whole milliseconds has steps of 1 and 2 ms. Such instants are those
-of a grid, each rounded: half of their last digit is how far they are off. What is left over is
-jitter of the clock, or samples that are missing.
+of a grid, each rounded by at most half of its last digit. Larger differences are jitter of the
+clock, or missing samples.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Intervals may differ by this part of one; what differs more is a hole.
+#: Intervals may differ by this part of one; an interval that differs more is a hole.
 SAME_STEP = 0.3
-#: How far rounded instants are off the grid, in their last digit, and fewest odd steps by which
-#: rounding is known.
+#: Largest rounding of an instant, in its last digit, and fewest odd steps that show rounding.
 _OFF_BY, _ODD_STEPS = 0.55, 5
-#: Instants beside a hole that say where the grid goes on, and holes for which they are asked.
+#: Instants beside a hole that place the grid behind it, and most holes for which this is done.
 _NEAR, _FEW_HOLES = 50, 1000
-#: Times by which the digits are judged, and most digits of one.
+#: Number of times that show the last digit, and most digits of a time.
 _JUDGED, _MOST_DIGITS = 2000, 12
 
 
@@ -29,7 +28,7 @@ def last_digit(times: Array, factor: float) -> float:
     """Return the size of the last digit in which times are written, s, in units of a factor."""
     finite = times[np.isfinite(times)]
     written = finite[:_JUDGED] / factor
-    # Binary numbers since 1970 have none finer
+    # Floats have no finer digit, as in times since 1970.
     size = 4.0 * float(np.spacing(np.abs(finite).max(initial=0.0)))
     for digits in range(_MOST_DIGITS):
         whole = written * 10.0**digits
@@ -39,7 +38,7 @@ def last_digit(times: Array, factor: float) -> float:
 
 
 def rounded_interval(times: Array, digit: float) -> Array | None:
-    """Return equal intervals that times are, rounded to a digit; None if they are not these."""
+    """Return equally spaced times that round to the given ones; None if there are none."""
     steps = np.diff(times)
     if len(steps) < 2 or not np.isfinite(times).all() or not (steps >= 0.0).all():
         return None
@@ -59,12 +58,12 @@ def missing_samples(times: Array, digit: float) -> NDArray[np.int64]:
     Notes
     -----
     The interval is the mean of the steps that are no holes. Where the digits are coarse, the
-    instants on both sides of a hole say where the grid goes on, so that rounding does not make a
-    hole longer or shorter.
+    instants on both sides of a hole show where the grid continues, so that rounding does not make
+    a hole longer or shorter.
     """
     steps = np.diff(times)
     median = float(np.median(steps))
-    # A digit as large as a step says nothing of it
+    # A digit as large as a step does not determine the step.
     coarse = SAME_STEP * median < digit <= 0.6 * median
     holes = np.flatnonzero(np.abs(steps - median) > max(SAME_STEP * median, 1.01 * digit * coarse))
     missing = np.zeros(len(steps), np.int64)

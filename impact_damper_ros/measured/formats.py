@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The formats of measured data: what kind a file is, and who reads it."""
+"""The formats of measured data: the kinds of files, and the reader of each."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .text_table import Body, text_sheet
 #: Largest file that is read, bytes, and largest one that is read as a whole; read, it takes up to
 #: ten times as much memory.
 _MOST_BYTES, _MOST_WHOLE = 100_000_000, 40_000_000
-#: For the documents: suffixes, and what is read of such a file.
+#: For the documents: suffixes, and the part of such a file that is read.
 SHOWN = {
     '.csv, .txt, any other': 'text with commas, semicolons, tabs or spaces between its columns',
     '.zip': 'the one table in it, as phyphox exports it',
@@ -61,7 +61,7 @@ def read_sheet(path: Path) -> Sheet:
             return reader(path, content)
         except TableError:
             raise
-        # Whatever a reader meets in a damaged file
+        # A damaged file may raise any error.
         except Exception as error:
             raise TableError(
                 f'{source}: no {content_of_kind} that can be read: {as_line(str(error))}'
@@ -129,7 +129,7 @@ _DIRECTIONS = {1: '+X', 2: '+Y', 3: '+Z', -1: '-X', -2: '-Y', -3: '-Z'}
 
 
 def _general(function: Mapping[str, Any]) -> tuple[str, str, int, int]:
-    """Return what is known by powers of length and force alone: a force, but not which motion."""
+    """Return the quantity that powers of length and force determine: a force, but no motion."""
     length, force = (int(function.get(f'ordinate_{of}_unit_exp') or 0) for of in ('len', 'force'))
     name, unit = ('force', 'N') if (length, force) == (0, 1) else ('channel', '')
     return name, unit, length, force
@@ -146,7 +146,7 @@ def _universal(path: Path, _: bytes) -> Sheet:
         ) from None
     sets = library.UFF(str(path)).read_sets()
     sets = sets if isinstance(sets, list) else [sets]
-    # What SI is multiplied by
+    # Factors by which values in SI are multiplied
     units = next((one for one in sets if one.get('type') == 164), {'length': 1.0, 'force': 1.0})
     found: list[tuple[Heading, Array]] = []
     for one in sets:
@@ -165,7 +165,7 @@ def _universal(path: Path, _: bytes) -> Sheet:
         given = own not in ('', 'NONE')
         if not given:
             values = values / (units['length'] ** length * units['force'] ** force)
-        # Such as 12:+X, and what the axis is called
+        # The place, such as 12:+X, and the label of the axis
         direction = _DIRECTIONS.get(int(one.get('rsp_dir') or 0), '')
         label = str(one.get('ordinate_axis_lab') or '').strip()
         parts = [name, str(one.get('rsp_node') or ''), direction]
@@ -190,7 +190,7 @@ def _labview(path: Path, content: bytes) -> Sheet:
     separator = ',' if about.get('Separator', '').strip() == 'Comma' else '\t'
     segments: list[tuple[list[Heading], int, int, list[float]]] = []
     for start, end, after in zip(starts, ends[1:], [*starts[1:], len(lines)], strict=True):
-        # Cells of a key stand above the columns that they are of
+        # Cells of a key stand above their columns.
         keys = {line.partition(separator)[0]: line.split(separator) for line in lines[start:end]}
         names = lines[end + 1].rstrip(f' {separator}').split(separator)
         units = [unit.strip() for unit in keys.get('Y_Unit_Label', [])]

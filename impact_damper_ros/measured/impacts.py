@@ -20,9 +20,9 @@ from .table import chosen_columns
 
 #: Fewest samples that are a signal.
 LEAST_SAMPLES = 20
-#: Times whose steps differ by less than this part are those of samples.
+#: Times whose steps differ by less than this part are samples, not impacts.
 _SAME_STEP = 0.3
-#: Behind an impact an acceleration is that of the sensor, not of M, s.
+#: Time after an impact in which the acceleration is that of the sensor, not of M, s.
 RINGING = 5e-3
 #: A spike stands out by so many standard deviations of the noise, and by this factor from the
 #: spike before it.
@@ -32,7 +32,7 @@ _OUTSTANDING, _NEXT_SPIKE = 8.0, 3.0
 _SOUND_STEP, _ECHO = 5e-4, (0.02, 4.0)
 #: Rates that a sound may have, Hz.
 _SOUND_RATES = (1000, 10_000_000)
-#: Standard deviation of an impact time of which nothing is known, s.
+#: Standard deviation of an impact time of unknown accuracy, s.
 IMPACT_DEVIATION = 5e-4
 
 
@@ -44,7 +44,7 @@ def read_impacts(path: Path) -> tuple[Array, float]:
     sheet = read_sheet(path)
     only = len(sheet.headings) == 1
     instant = choose(sheet, 'time', TIME if only else INSTANT, needed=not only)
-    # One column is that of the times, whatever it is called
+    # A single column holds the times, whatever its name.
     instant = instant or Choice(0, 's', 1.0)
     choices = {'time': instant}
     for key, quantity in (('acceleration', ACCELERATION), ('impact', IMPACT)):
@@ -86,7 +86,7 @@ def _loudness(path: Path) -> tuple[Array, Array]:
         extremes = (blocks.max(axis=1) - rest, blocks.min(axis=1) - rest)
         channels = np.nan_to_num(np.maximum(*np.abs(extremes)))
         loudest = channels[:, int(np.argmax(channels.max(axis=0, initial=0.0)))]
-    # Whatever the reader meets in a damaged file
+    # A damaged file may raise any error.
     except Exception as error:
         raise TableError(
             f'{source}: no sound that can be read ({as_line(str(error))}): give a .wav file of '
@@ -98,7 +98,7 @@ def _loudness(path: Path) -> tuple[Array, Array]:
 
 
 def _with_sizes(content: bytes) -> bytes:
-    """Return a .wav file whose recorder was ended before it wrote how much there is."""
+    """Return a .wav file with the sizes that a recorder did not write before it was stopped."""
     at, block = 12, 1
     while (kind := content[at : at + 4]) not in (b'data', b''):
         if kind == b'fmt ':
@@ -137,15 +137,15 @@ def spike_times(
 
     Notes
     -----
-    An impact is between the first sample of a spike and the one before it. What rings on behind a
-    spike for some time is none, unless it stands out from that by a factor. Digital silence says
-    nothing of the noise.
+    An impact is between the first sample of a spike and the one before it. The ringing behind a
+    spike is no impact, unless it exceeds the spike by a factor. Digital silence is no measure of
+    the noise.
     """
     step = float(np.median(np.diff(time)))
     there = np.isfinite(acceleration)
     if not there.any():
         return np.empty(0)
-    # A sample that is missing is no spike
+    # A missing sample is no spike.
     bend = np.abs(np.diff(np.interp(time, time[there], acceleration[there]), 2))
     if not (bend > 0.0).any():
         return np.empty(0)

@@ -30,12 +30,12 @@ Array = NDArray[np.float64]
 
 #: Number of lines, where none is given.
 LINES = 200
-#: What may be random, and the units of its density, the first in SI.
+#: Quantities that may be random, and the units of their densities, the first in SI.
 _LEVELS = {
     'acceleration': LEVEL._replace(units=('(m/s^2)^2/Hz',)),
     'force': LEVEL._replace(units=('N^2/Hz',)),
 }
-#: How much the density rises from a point to the next one, in place of its level there.
+#: Column of slopes: rise of the density from a point to the next one, in place of a level.
 _SLOPE = Quantity(('slope', 'steigung'), ('dB/oct',))
 
 
@@ -47,7 +47,7 @@ class RandomLines(NamedTuple):
     phases: tuple[float, ...]
     #: Root of the integral of the table, which is the root mean square of the lines.
     integral: float
-    #: After which the signal repeats, s.
+    #: Period after which the signal repeats, s.
     period: float
     #: 'force' or 'acceleration'.
     quantity: str
@@ -95,14 +95,14 @@ class Density:
         self.levels: Array = np.asarray(levels, float)
         rises = np.diff(np.log(self.frequencies))
         held = (rises > 0.0) & (self.levels[1:] > 0.0) & (self.levels[:-1] > 0.0)
-        #: Where there is any, and as which power of the frequency
+        #: Intervals where the density is above 0, and its power of the frequency there
         self._held = np.flatnonzero(held)
         whole = np.log(np.where(self.levels > 0.0, self.levels, 1.0))
         self._powers = np.diff(whole) / np.where(held, rises, 1.0)
 
     @property
     def band(self) -> tuple[float, float]:
-        """The frequencies between which there is any, Hz."""
+        """Lowest and highest frequency with a density above 0, Hz."""
         return float(self.frequencies[self._held[0]]), float(self.frequencies[self._held[-1] + 1])
 
     def integral(self, low: float, high: float) -> float:

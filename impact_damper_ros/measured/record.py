@@ -3,9 +3,9 @@
 Measured records of a force on M, or of the acceleration of the base, held between samples.
 
 Each sample is held from the middle of the interval before it to the middle of the one after it.
-What is held is a step function of time; a rig follows it exactly. That it stands for a signal
-which is smooth between its samples is an error of the second order in their interval: the record
-of every second sample has four times the error.
+The held record is a step function of time, which a rig follows exactly. Its difference from a
+signal that is smooth between samples is of the second order in the interval: the record of every
+second sample has four times the error.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ class MeasuredRecord(NamedTuple):
 
     #: 'force' or 'base'.
     quantity: str
-    #: Since the first sample, s.
+    #: Times since the first sample, s.
     times: Array
     values: Array
-    #: Of the file, and which of its columns are used.
+    #: Name of the file, and the columns that are used.
     name: str
     columns: str = ''
-    #: The same as named texts, which JSON keeps; see `with_copy`.
+    #: A copy of the record as named texts, which JSON keeps; see `with_copy`.
     copy: tuple[tuple[str, str], ...] = ()
 
     @property
     def duration(self) -> float:
-        """How long it lasts, s: the last sample is held for half an interval, as the first one."""
+        """Duration, s: the first and the last sample are held for half an interval."""
         return float(self.times[-1] + 0.5 * (self.times[-1] - self.times[-2]))
 
     @property
@@ -116,7 +116,7 @@ class MeasuredRecord(NamedTuple):
         return cls(quantity, times, values, str(copy['name']), copy=kept)
 
     def steps(self) -> tuple[list[float], list[float]]:
-        """Return since when each value is held, s from the first sample, and these; 0 at last."""
+        """Return starts of the steps, s from the first sample, and values; the last one is 0."""
         middles = 0.5 * (self.times[1:] + self.times[:-1])
         starts = [0.0, *middles.tolist(), self.duration]
         return starts, [*self.values.tolist(), 0.0]
@@ -136,7 +136,7 @@ class MeasuredRecord(NamedTuple):
 
 
 def _too_large(values: Array) -> int | None:
-    """Return the place of the first value that is none, or too large for a rig."""
+    """Return the place of the first value that is no number, or too large for a rig."""
     wrong = np.flatnonzero(~(np.abs(values) <= _LARGEST))
     return int(wrong[0]) if len(wrong) else None
 
@@ -188,7 +188,7 @@ def read_records(names: Mapping[str, Any], cycle: float = 0.0) -> list[MeasuredR
             raise TableError(f'{parameter} is {quote(name)}: give the path of a table, or none')
         if name != 'none':
             path = Path(name)
-            # Where nobody has that name, the file is not found
+            # The path ~NAME of an unknown user stays as it is, and the file is not found.
             with contextlib.suppress(RuntimeError):
                 path = path.expanduser()
             found.append(read_record(path, quantity, cycle))

@@ -16,7 +16,7 @@ from .units import SHOWN, si_unit_of
 
 Array = NDArray[np.float64]
 
-#: Longest header that is looked at.
+#: Longest header that is examined.
 _LONGEST_TITLE = 200
 #: A unit behind a name without brackets: time / s, t in s, x_mm.
 _BESIDE = re.compile(r'(.+?)(?:\s*[/,]\s*|\s+in\s+|[\s_]+)([^\s_]+)')
@@ -40,9 +40,9 @@ class Quantity(NamedTuple):
     #: In lower case; the first one is that of messages.
     names: tuple[str, ...]
     units: tuple[str, ...]
-    #: May stand without a unit, which is the first one then.
+    #: The column may stand without a unit, and then has the first one.
     bare: bool = False
-    #: May have another name if it is the only one of its unit.
+    #: The column may have another name if it is the only one of its unit.
     by_unit: bool = True
 
 
@@ -177,7 +177,7 @@ def _unit_and_factor(sheet: Sheet, place: int, quantity: Quantity) -> tuple[str,
         first = sheet.first[place] if place < len(sheet.first) else ''
         if CLOCK.match(first):
             return 's', 1.0
-        # Since 1970, in s, ms, us or ns, as each number of that size is
+        # Times since 1970, in s, ms, us or ns by the size of the number
         if head.unit is None and re.fullmatch(r'[12]\d{9}(\d{3}){0,3}', first):
             return 's', 10.0 ** (10 - len(first))
     return (quantity.units[0], 1.0) if quantity.bare and head.unit is None else None
@@ -214,9 +214,9 @@ def choose(
     """
     Return the column of a quantity; None if there is none and it is not needed.
 
-    `column` names it, and `unit` is that of a column without one; those of `without` are others.
-    Of several columns of time that of `near` is the nearest one before it. Without `strict` a
-    column with the word of a quantity may have the unit of another one.
+    `column` names it, and `unit` is that of a column without one; `without` are columns to leave
+    out. Of several columns of time the nearest one before the column `near` is taken. Without
+    `strict` a column with the word of a quantity may have the unit of another one.
     """
     if column:
         place = _place_of(sheet, key, column)
@@ -261,7 +261,7 @@ def choose(
 
 
 def _unusable(sheet: Sheet, key: str, quantity: Quantity, place: int) -> ColumnError:
-    """Return the error of a column whose unit is missing, or another one's."""
+    """Return the error of a column whose unit is missing, or that of another quantity."""
     head = sheet.headings[place]
     problem = 'has no unit' if head.unit is None else f'has the unit {quote(head.unit)}'
     known = '; '.join(SHOWN.get(si, 'none') for si in quantity.units)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Tables of measured data: the columns of a file that are asked for, in SI units.
+Tables of measured data: the requested columns of a file, in SI units.
 
 A column is known by its unit and by a word of its header, as `quantity` has them: a column in mg
 is an acceleration, and one of that unit with the word shaker is that of the base.
@@ -21,7 +21,7 @@ from .clock import last_digit, missing_samples, rounded_interval
 from .formats import read_sheet
 from .sheet import Array, Choice, Quantity, Sheet, TableError, choose
 
-#: What to do about steps that differ.
+#: Remedy for steps that differ.
 EQUAL_INTERVALS = 'give samples at equal intervals'
 
 
@@ -30,7 +30,7 @@ class MeasuredColumn(NamedTuple):
 
     values: Array
     unit: str
-    #: As it is in the file, whose unit has this factor.
+    #: Header as in the file, and the factor of its unit.
     title: str
     factor: float
 
@@ -40,7 +40,7 @@ class MeasuredTable(NamedTuple):
 
     source: str
     columns: dict[str, MeasuredColumn]
-    #: Of each row in the file, from 1.
+    #: Line of each row in the file, from 1.
     lines: NDArray[np.int64]
     #: Which columns are used, and which are not.
     described: str = ''
@@ -105,7 +105,7 @@ class MeasuredTable(NamedTuple):
         """
         Return the table with rising times, and the size of their last digit, s.
 
-        Times at equal intervals that are rounded become these intervals, whose digits are all.
+        Rounded times at equal intervals become exact; then their last digit is that of floats.
         """
         column = self.columns['time']
         digit = last_digit(column.values, column.factor)
@@ -131,7 +131,7 @@ class MeasuredTable(NamedTuple):
 
 
 def odd_step(times: Array, row: int) -> str:
-    """Return the step to an instant, beside the usual one."""
+    """Return the step to an instant, and the usual step, in words."""
     usual = float(np.median(np.diff(times)))
     return f'a step of {times[row] - times[row - 1]:.4g} s where the others are {usual:.4g} s'
 
@@ -143,7 +143,7 @@ def read_measured_table(
     sheet = read_sheet(path)
     found: dict[str, Choice] = {}
     every = {**needed, **(optional or {})}
-    # The clock is that of the other columns
+    # The column of time is that next to the other columns.
     for key in sorted(every, key=lambda key: key == 'time'):
         near = min((choice.place for choice in found.values()), default=None)
         choice = choose(sheet, key, every[key], needed=key in needed, near=near)

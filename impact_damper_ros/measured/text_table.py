@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Tables that are text: CSV and its kin.
+Tables that are text: CSV and similar formats.
 
 The header is found above the first line of numbers: it may be a comment, have the units in a row
 of their own, and descriptions between. Numbers are read in pieces, so that a table takes the
@@ -28,14 +28,14 @@ from .units import si_unit_of
 
 #: Most rows and columns of a table, longest line, bytes, and lines among which the header is.
 _MOST_ROWS, _MOST_COLUMNS, _LONGEST_LINE, _HEAD = 5_000_000, 1000, 1_000_000, 2000
-#: Lines that are read at once, cells of a line that are looked at for its kind.
+#: Lines that are read at once, cells by which the kind of a line is found.
 _PIECE, _CELLS_SEEN = 20_000, 50
 _COMMENTS = ('#', '%', '//', ';')
 #: What a spreadsheet or a program of measurement writes where there is no number.
 _MISSING = {'', '-', '--', 'nan', 'na', 'n/a', '#n/a', '#nv', 'null', 'none', '#value!', '#wert!'}
 #: Units of the columns that `simulate_rig` and `replay_run` write without any.
 _OF_RIGS = {'time': 's', 'x': 'm', 'force': 'N', 'base': 'm'}
-#: 1 or 1000, as the reader is used to.
+#: 1,000 is 1 where the comma is a decimal sign, and 1000 where it separates thousands.
 _UNCLEAR = re.compile(r'[-+]?[1-9]\d{0,2}[.,]\d{3}')
 #: Day, if there is one, hours, minutes and seconds; 10.00.00.5 as some phones have it, too.
 _TIME_OF_DAY = re.compile(
@@ -48,7 +48,7 @@ _TIME_OF_DAY = re.compile(
 def text_sheet(source: str, content: bytes) -> Sheet:
     """Return the columns of a text with separators, whose header stands above the numbers."""
     text = _Text(source, content)
-    # Not much behind a long line
+    # Lines behind a long line are not read.
     sizes = itertools.accumulate(map(len, text.lines(0, _HEAD)), initial=0)
     pairs = zip(text.lines(0, _HEAD), sizes, strict=False)
     head = [line for line, size in pairs if size < _LONGEST_LINE]
@@ -57,7 +57,7 @@ def text_sheet(source: str, content: bytes) -> Sheet:
     if first is None and not above:
         raise TableError(f'{source}: empty; give a header and rows, as t [s], x [mm]')
     if first is None:
-        # No line has numbers only: what is wrong with them is said of each cell
+        # No line has numbers only: the error names the cell.
         first = above[0] + 1
         above = above[:1]
     row = head[first] if first < len(head) else ''
@@ -140,7 +140,7 @@ def _first_row(lines: Sequence[str]) -> int | None:
 
     for at, n in enumerate(filled):
         if numbers(n, _CELLS_SEEN):
-            # With the lines above it that have something else in a later cell
+            # Lines above it belong to the numbers, too, if only a later cell is no number.
             while at and numbers(filled[at - 1], 1):
                 at -= 1
             return filled[at]
@@ -148,7 +148,7 @@ def _first_row(lines: Sequence[str]) -> int | None:
 
 
 def _header(head: list[str], above: list[int], row: str) -> tuple[list[Heading], str]:
-    """Return the headings that stand above the first row, and what separates cells."""
+    """Return the headings that stand above the first row, and the delimiter."""
 
     def cells_of(n: int) -> tuple[list[str], str]:
         line = head[n].strip()
@@ -186,15 +186,15 @@ def _header(head: list[str], above: list[int], row: str) -> tuple[list[Heading],
 
 
 def _delimiter(header: str, row: str) -> str:
-    """Return what separates the cells of a header and of the first row below it."""
+    """Return the delimiter of a header and of the first row below it."""
     if any(mark in header for mark in ';\t,'):
         return max(';\t,', key=header.count)
-    # Of one column, whose name may have spaces, or of several
+    # Spaces separate several columns; in the name of a single one they do not.
     return '' if len(row.split()) > 1 else ';'
 
 
 def _titles(header: str, row: str, delimiter: str) -> list[str]:
-    """Return the cells of a header; between spaces those that the row has."""
+    """Return the cells of a header; between wide spaces if that gives as many as the row has."""
     if delimiter:
         return _split_row(header, delimiter)
     wide = re.split(r'\s{2,}', header.strip())
@@ -249,7 +249,7 @@ class Body:
         return _split_row(line, self._delimiter)
 
     def _piece(self, piece: list[tuple[int, str]], places: Sequence[int]) -> Array:
-        """Return the numbers of some rows."""
+        """Return the numbers of a piece of the rows."""
         values = self._quickly(piece, places)
         if values is not None:
             return values
@@ -305,7 +305,7 @@ class Body:
         return None if (large & parts).any() else values
 
     def _numbers(self, cells: Sequence[str]) -> Iterable[float | str]:
-        """Return the numbers of cells, NaN for missing ones, and of others what is wrong."""
+        """Return the numbers of cells: NaN for a missing one, a text for what is no number."""
         if CLOCK.match(next((cell for cell in cells if cell.lower() not in _MISSING), '')):
             return [self._seconds(cell) for cell in cells]
         marks = {mark: [cell for cell in cells if mark in cell] for mark in ',.'}
@@ -348,7 +348,7 @@ class Body:
 
 
 def _number(cell: str) -> float | str:
-    """Return the number in a cell, NaN if it is missing, or what is wrong with it."""
+    """Return the number in a cell, NaN if it is missing, or the error as a text."""
     if cell.lower() in _MISSING:
         return math.nan
     plain = cell.replace('−', '-')

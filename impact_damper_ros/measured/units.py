@@ -75,12 +75,12 @@ _EVERY = {
 }
 #: As people write them: MM, KHz, MSEC, Sec; of two that differ by case the smaller one.
 _ANY_CASE = {name.casefold(): value for name, value in reversed(_EVERY.items())}
-#: What the parts would read otherwise.
+#: Units that would be misread by their parts.
 _AS_ONE = {'ms-2': 'm/s2', 'ms-1': 'm/s', 'db/octave': 'dB/oct', 'db/oct': 'dB/oct'}
 _PART = re.compile(r'([^\W\d_]+|")(-?\d)?')
 _SQUARED = re.compile(r'\((.+)\)(\d)(.*)')
 _LONGEST = 40
-#: What the documents list for each quantity.
+#: Units that the documents list for each quantity.
 SHOWN = {
     'm': 'm, cm, mm, µm (um, micron), nm, in (inch, "), mil (thou), ft',
     'm/s': 'm/s, cm/s, mm/s, µm/s, in/s (ips), ft/s',
@@ -96,7 +96,7 @@ SHOWN = {
 
 
 def si_unit_of(text: str, *, any_case: bool = True) -> tuple[str, float] | None:
-    """Return the SI unit that a unit is one of, and the factor to it; None if it is not known."""
+    """Return the SI unit of a unit, and the factor to it; None if the unit is unknown."""
     plain = unicodedata.normalize('NFKC', text).strip().replace('μ', 'µ').replace('−', '-')
     if not plain:
         return '', 1.0

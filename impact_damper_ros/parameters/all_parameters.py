@@ -12,7 +12,7 @@ from .node_settings import SETTING_SPECS
 from .rig_parameters import INITIAL_SPECS, PARAMETER_SPECS
 from .structure import STRUCTURE_SPECS
 
-#: What a rig may be described by: its parameters, and a structure as people know it.
+#: What a rig may be described by: its parameters, and those of its structure.
 RIG_SPECS = {**PARAMETER_SPECS, **STRUCTURE_SPECS}
 #: All parameters that a parameters file may hold, in this order in documents and lists.
 ALL_SPECS = {**PARAMETER_SPECS, **INITIAL_SPECS, **GAP_CONTROL_SPECS, **SETTING_SPECS}

@@ -7,9 +7,9 @@ pull it by K b + C b', so that each line b = B sin(W t + p) is one line of the f
 
     K b + C b' = B sqrt(K^2 + C^2 W^2) sin(W t + p + atan2(C W, K)).
 
-m touches M only, and knows nothing of the base. In coordinates relative to the base -M b'' would
-act on M and -m b'' on m, so that m would no longer fly with a constant acceleration: X and Z are
-therefore absolute, and X - b is computed from them.
+m touches M only, so that no force of the base acts on m. In coordinates relative to the base -M
+b'' would act on M and -m b'' on m, so that m would no longer fly with a constant acceleration: X
+and Z are therefore absolute, and X - b is computed from them.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from typing import NamedTuple
 
 from .units import UNITS
 
-#: What the amplitudes of a base may be amplitudes of, and the SI unit of each.
+#: Quantities of which amplitudes of a base may be given, and the SI unit of each.
 QUANTITIES = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
-#: Steps in a period of the fastest line in which a passage of b through zero is looked for at
-#: first, by how much each may be longer than the one before, and most of them.
+#: Search for a passage of b through zero: first number of steps in a period of the fastest line,
+#: factor by which a step may be longer than the step before, and most steps.
 _STEPS_PER_PERIOD, _GROWTH, _MOST_STEPS = 16, 1.01, 4000
-#: No run takes so long, s.
+#: Longer than any run, s.
 _NEVER_S = 1e15
 #: Share of the motion up to which b has just passed zero, and steps of Newton's method to there.
 _JUST_PASSED, _PASSES = 1e-4, 4
@@ -114,11 +114,10 @@ class BaseMotion(NamedTuple):
 
         Notes
         -----
-        It does not matter at which of its upward zeros the motion of a base is changed. So a step
-        over which b keeps its sign for certain (`_quiet`) may be followed by one that leaves out
-        two passages: the search goes on by the longer of that and a least step, which grows, so
-        that the work is bounded however far apart the frequencies are. A step from negative to
-        positive b has an upward zero in it, which bisection finds.
+        The motion of a base may be changed at any of its upward zeros, so that the search may miss
+        two passages in a step. A step is as long as b certainly keeps its sign (`_quiet`), but at
+        least a length that grows: the work is bounded however far apart the frequencies are. A
+        step from negative to positive b has an upward zero in it, which bisection finds.
         """
         acting = [(w, b, p, angle) for b, w, p, angle in zip(*self, angles, strict=True) if b]
         if not acting:
@@ -154,9 +153,9 @@ class BaseMotion(NamedTuple):
 
     def angles_from_zero(self, place: float = 0.0) -> list[float]:
         """
-        Return angles at which b passes zero upwards: those after the first such time.
+        Return the angles of the lines when b first passes zero upwards.
 
-        Given a place that is little more than zero, m, those at which it passes that.
+        With a place little above zero, m: the angles when b passes that place.
         """
         start = [0.0] * len(self.amplitudes)
         wait = self.upward_zero(start)
@@ -176,8 +175,8 @@ def _quiet(lines: Sequence[tuple[float, ...]], after: float) -> tuple[float, flo
     """
     Return b some time after now, and a time for which it then keeps its sign.
 
-    The lines, each with its frequency first, rise in it. The sum of the first k of them changes by
-    no more than `speed` per second, and the others by no more than `rest` in all.
+    The lines are rows that begin with the frequency, and rise with it. The sum of the first k of
+    them changes by no more than `speed` per second, and the others by no more than `rest` in all.
     """
     rest = sum([abs(line[1]) for line in lines])
     place = speed = quiet = 0.0
@@ -200,7 +199,7 @@ def angles_after(before: BaseMotion, angles: Sequence[float], after: BaseMotion)
     Return the angles of the lines with which another motion of a base goes on.
 
     A line keeps its angle by its index where that keeps b continuous. Elsewhere the new motion
-    begins at an upward zero of its own, which keeps b continuous if the old one is at zero or has
+    begins at one of its upward zeros, which keeps b continuous if the old motion is at zero or has
     just passed it.
     """
     kept = list(angles[: len(after.amplitudes)])

@@ -18,7 +18,7 @@ from .parameter_spec import (
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
 class GapControlParameters(ParameterTable):
     """
-    How the stops are moved, or that they are not.
+    Parameters of the gap control: the law that moves the stops, its sensors and its actuators.
 
     Raises
     ------
@@ -44,7 +44,7 @@ class GapControlParameters(ParameterTable):
     gap_control_stops: str = text(
         'independent',
         ('symmetric', 'independent'),
-        'Stops placed symmetrically by the amplitude alone, or each by what is measured at it.',
+        'Stops placed symmetrically by the amplitude alone, or independently of each other.',
     )
     gap_control_gain: float = numeric(
         0.8,
@@ -94,20 +94,28 @@ class GapControlParameters(ParameterTable):
         0.0, 0.0, 1e9, 'm', 'Standard deviation of the noise on the sampled X and Y.'
     )
     gap_control_noise_velocity: float = numeric(
-        0.0, 0.0, 1e9, 'm/s', 'Standard deviation of the noise on their sampled velocities.'
+        0.0,
+        0.0,
+        1e9,
+        'm/s',
+        'Standard deviation of the noise on the sampled velocities of X and Y.',
     )
-    gap_control_seed: int = numeric(0, 0, 2**31 - 1, '', 'Seed of that noise.')
+    gap_control_seed: int = numeric(0, 0, 2**31 - 1, '', 'Seed of the noise of the sensors.')
     gap_control_resolution_position: float = numeric(
         0.0, 0.0, 1e9, 'm', 'Step to which the sampled X and Y are rounded; 0 for none.'
     )
     gap_control_resolution_velocity: float = numeric(
-        0.0, 0.0, 1e9, 'm/s', 'Step to which their sampled velocities are rounded; 0 for none.'
+        0.0,
+        0.0,
+        1e9,
+        'm/s',
+        'Step to which the sampled velocities of X and Y are rounded; 0 for none.',
     )
     sensor_fault: str = text(
         'none',
         ('none', 'frozen', 'dropout', 'bias', 'spike'),
-        'Fault of the sensors of X and Y: they repeat the last sample, give none, have an error '
-        'of sensor_fault_size, or about one sample in ten has.',
+        'Fault of the sensors of X and Y: they repeat the last sample, give no sample, have an '
+        'error of sensor_fault_size, or have it in about one sample of ten.',
     )
     sensor_fault_size: float = numeric(
         0.0, -1e9, 1e9, 'm', 'Error of X and Y under a bias or in a spike.'
@@ -125,7 +133,11 @@ class GapControlParameters(ParameterTable):
         zero='at once',
     )
     actuator_mass: float = numeric(
-        0.01, 0.0, 1e9, 'kg', 'Moving mass of one stop, for the account of the energy spent on it.'
+        0.01,
+        0.0,
+        1e9,
+        'kg',
+        'Moving mass of one stop, from which the energy of its actuator is computed.',
     )
 
     actuator_fault: str = text(

@@ -84,8 +84,9 @@ class NodeSettings(ParameterTable):
     lock_step: str = text(
         'off',
         ('off', 'stop_commands', 'force_command', 'both'),
-        'Topics of the commands that an externally controlled rig waits for at each measurement, '
-        'with its stamp; stamps then count from 0, and /clock is published.',
+        'Topics of the commands that an externally controlled rig waits for at each measurement; '
+        'a command bears the stamp of the measurement. Stamps then count from 0, and /clock is '
+        'published.',
         effect='start',
     )
     lock_step_timeout: float = numeric(

@@ -27,7 +27,7 @@ Effect: TypeAlias = Literal['now', 'next reset', 'next recording', 'start']
 
 #: Most harmonics the force may have.
 MAX_HARMONICS = 1024
-#: One number with a decimal comma and its unit, or several: each may as well be two numbers.
+#: One number with a decimal comma and its unit, or several: each comma may also separate two.
 _WITH_COMMA = r'\s*[-+]?\d+,\d+(?:[^\d,.;][^,.;]*)?'
 _DECIMAL_COMMA = re.compile(rf'{_WITH_COMMA}(?:,\s+{_WITH_COMMA})*')
 
@@ -36,7 +36,7 @@ def as_float(value: Any) -> float:
     """
     Return a number as a float, one too large as infinity, and NaN for what is no number.
 
-    A float32 would otherwise have its few digits in all that is computed with it.
+    A float32 would otherwise limit the digits of everything computed with it.
     """
     try:
         return float(value) if hasattr(value, '__float__') else nan
@@ -103,7 +103,7 @@ class ParameterSpec(NamedTuple):
 
     @property
     def span(self) -> str:
-        """What values it may have, in words."""
+        """The admissible values in words."""
         if self.kind == 'bool':
             return 'true, false'
         if self.kind == 'string':
@@ -114,7 +114,7 @@ class ParameterSpec(NamedTuple):
 
     @property
     def usual(self) -> tuple[float, float] | None:
-        """The range of most rigs, to show; what is beyond it may be meant in another unit."""
+        """The range of most rigs; a value beyond it may be meant in another unit."""
         if self.low is None or self.high is None or self.unit not in USUAL:
             return None
         least, most = USUAL[self.unit]
@@ -151,7 +151,7 @@ class ParameterSpec(NamedTuple):
         """
         Return the checked value of what a person typed: ``24.5 mm``, ``2,5`` or ``[1 N; 500 mN]``.
 
-        What has no unit is in `unit`, in SI by default. Entries of a list are separated by
+        A number without a unit is in `unit`, in SI by default. Entries of a list are separated by
         semicolons, or by commas where these are no decimal signs.
         """
         if self.low is None:
@@ -204,7 +204,7 @@ class ParameterSpec(NamedTuple):
         return in_si(number, UNITS[self.unit][unit or self.unit])
 
     def _split(self, entry: str, unit: str) -> tuple[float, str]:
-        """Return number and unit of what a person typed."""
+        """Return number and unit of an entry that a person typed."""
         number, own, other = split_number(entry)
         if other:
             raise self._error(f'{self.name} is {quote(entry)}: write {other}')
@@ -242,7 +242,7 @@ class ParameterSpec(NamedTuple):
             raise self._error(
                 f'{self.name} is {quote(value)}: give a list of numbers, such as [1.0]'
             )
-        # What is given may have no end
+        # The value may be an iterator without end.
         entries = tuple(islice(value, MAX_HARMONICS + 1))
         if not 1 <= len(entries) <= MAX_HARMONICS:
             count = len(value) if hasattr(value, '__len__') else f'{len(entries)} or more'
@@ -346,7 +346,7 @@ def _declare(
     unit: str = '',
     **more: Any,
 ) -> Any:
-    """Return a dataclass field with what `ParameterSpec` has of it, but for the name."""
+    """Return a dataclass field with all entries of its `ParameterSpec` but the name."""
     kind = _KINDS[type(default)]
     spec = ParameterSpec('', description, unit, low, high, kind, default, **more)
     return field(default=default, metadata={'spec': spec})
@@ -370,9 +370,9 @@ class ParameterTable:
     """Values of the parameters that a frozen dataclass declares; checked when it is made."""
 
     __slots__ = ()
-    #: What they are the parameters of.
+    #: The object of the parameters, as messages name it.
     _owner: ClassVar[str] = ''
-    #: What to do with names that are none of them.
+    #: Remedy for a name that is no parameter.
     _remedies: ClassVar[dict[str, str]] = {}
 
     def __new__(cls, **values: Any) -> Self:
@@ -390,7 +390,7 @@ class ParameterTable:
         self._check()
 
     def _check(self) -> None:
-        """Check what holds between the values."""
+        """Check the conditions between values."""
 
     def replace(self, **changes: Any) -> Self:
         """
@@ -405,7 +405,7 @@ class ParameterTable:
             self._check_name(name)
         table = object.__new__(type(self))
         for name, spec in specs_of(type(self)).items():
-            # What is kept has been checked.
+            # Values that do not change have been checked.
             value = spec.check(changes[name]) if name in changes else getattr(self, name)
             object.__setattr__(table, name, value)
         table._check()
@@ -423,7 +423,7 @@ class ParameterTable:
             )
 
     def __repr__(self) -> str:
-        """Return the values that are not the defaults, as they are given."""
+        """Return the values that are not the defaults, as arguments."""
         values = ((name, getattr(self, name)) for name in specs_of(type(self)))
         own = [f'{name}={v!r}' for name, v in values if v != specs_of(type(self))[name].default]
         return f'{type(self).__name__}({", ".join(own)})'

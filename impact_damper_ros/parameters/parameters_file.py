@@ -79,7 +79,7 @@ class LineMapping(dict[Any, Any]):
         self.lines: dict[Any, int] = {}
 
     def add(self, other: LineMapping) -> None:
-        """Add what another one has, in place of what is here by the same name."""
+        """Add the entries of another mapping, which replace entries of the same name."""
         self.update(other)
         self.lines.update(other.lines)
 
@@ -275,7 +275,7 @@ def _merge(entries: Iterable[tuple[str, Any]], node: str) -> LineMapping:
     """
     Return the parameters that entries give a node, as ROS does: of several the last one counts.
 
-    A name that stands there again adds to what is at its first place.
+    A repeated name adds its entries to those at its first place.
     """
     blocks: dict[str, LineMapping] = {}
     for key, value in entries:
@@ -336,7 +336,7 @@ def values_given(
     values : dict
         The values by name, without those of a file that is a pipe: it can be read once only.
     idle : list of str
-        Of each file that has no parameters for the node, what it has.
+        For each file without parameters for the node, the names that it has.
     applied : list of str
         What applies to the node: files with their entries, and the command line.
 
@@ -394,7 +394,7 @@ def load_parameters(
         preset, such as ``bench_rig``, if there is no such file.
     node : str, optional
         Full name of a node, such as ``/rig1/sim_node``: only the entries that ROS applies to it
-        are read. Without it, those of the one `sim_node` that the file describes.
+        are read. Without it, the entries of the one `sim_node` that the file describes are read.
 
     Returns
     -------
@@ -451,9 +451,9 @@ def rig_yaml(
     notes: Mapping[str, str] | None = None,
 ) -> str:
     """
-    Return a rig, with where it starts and its control if given, as a parameters file.
+    Return a rig, with its start and its control if given, as a parameters file.
 
-    Each value has its unit behind it, and what `notes` says of it.
+    The unit of a value stands behind it, with the remark of `notes`.
     """
     lines = [*(f'# {line}' for line in title.splitlines()), '/**:', '  ros__parameters:']
     values = {k: v for table in (rig, *others) for k, v in table.as_dict().items()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results as JSON has them, and in what two of them differ."""
+"""Results in types of JSON, and the differences between two of them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def as_plain(value: Any, without: Collection[str] = ()) -> Any:
     """
     Return a value in types of JSON: None for a number that is not finite, a complex one as a pair.
 
-    Of what has no `as_dict` of its own, records, tuples with names, mappings and rows of an array
-    are objects, without some of their fields.
+    Records, named tuples, mappings and rows of an array become objects, without the fields in
+    `without`; a method `as_dict` decides for its class.
     """
     if isinstance(value, Enum):
         return value.value

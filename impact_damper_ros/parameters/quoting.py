@@ -19,7 +19,7 @@ _UNPRINTABLE = re.compile('[\0-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\
 
 
 class _Short(reprlib.Repr):
-    """A part of lists and mappings, which may hold one another many times over."""
+    """Shortened `repr` of lists and mappings, which may contain one another many times."""
 
     def __init__(self) -> None:
         super().__init__()

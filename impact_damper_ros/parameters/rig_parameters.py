@@ -235,7 +235,7 @@ class RigParameters(ParameterTable):
     @classmethod
     def of_structure(cls, **values: Any) -> RigParameters:
         """
-        Return the rig of a structure as people know it.
+        Return the rig of a structure given by natural frequency, damping and mass ratio.
 
         Parameters
         ----------
@@ -351,7 +351,7 @@ class RigParameters(ParameterTable):
 
     @property
     def base_motion(self) -> BaseMotion:
-        """Displacement of the base, as lines; what base_amplitudes are does not matter here."""
+        """Displacement of the base, as lines, whatever quantity base_amplitudes give."""
         return BaseMotion.of(
             self.base_amplitudes, self.base_frequencies, self.base_phases, self.base_quantity
         )
@@ -423,7 +423,7 @@ class RigParameters(ParameterTable):
         """
         Return the rig with another circular frequency of the first harmonic, rad/s.
 
-        Its amplitude is taken times a factor.
+        Its amplitude is multiplied by `factor`.
         """
         frequencies, amplitudes = f'{self.swept}_frequencies', f'{self.swept}_amplitudes'
         changes = {frequencies: (frequency, *getattr(self, frequencies)[1:])}

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A structure as people know it: natural frequency, damping and mass ratio.
+A structure given by natural frequency, damping and mass ratio.
 
 Each of these stands for a parameter of the rig: the natural frequency for the stiffness, a measure
-of damping for the damping, the mass ratio for the mass of the damper. They are taken wherever a
-rig is described, and are replaced by what they mean.
+of damping for the damping, the mass ratio for the mass of the damper. They are accepted wherever a
+rig is described, and replaced by the parameters of the rig.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ _ZETA: dict[str, Callable[[float], float]] = {
     'quality_factor': lambda q: 0.5 / q,
     'logarithmic_decrement': lambda d: d / math.hypot(2.0 * math.pi, d),
 }
-#: Values that stand for the same agree to this part.
+#: Values that mean the same parameter agree to this part.
 _SAME = 1e-6
 
 
@@ -89,7 +89,7 @@ def _common_value(
                 f'{first} {quote(given[first])} means a {target} of {value:.9g}{unit}, and {name} '
                 f'{quote(given[name])} one of {other:.9g}{unit}: give one of them',
             )
-    # What was given itself is kept to the last bit
+    # A parameter that is given itself keeps its last bit.
     return values.get(target, value)
 
 
@@ -97,7 +97,7 @@ def resolve_structure(
     values: Mapping[str, Any], number: Callable[[str, Any], float], mass: float, stiffness: float
 ) -> dict[str, Any]:
     """
-    Return values of the rig's parameters with names of the structure replaced by what they mean.
+    Return values with names of the structure replaced by parameters of the rig.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def resolve_structure(
     number : callable
         Returns the checked number of a parameter of the rig.
     mass, stiffness : float
-        Those of the rig, where they are not among the values, kg and N/m.
+        Mass and stiffness of the rig, where they are not among the values, kg and N/m.
 
     Raises
     ------

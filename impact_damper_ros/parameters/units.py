@@ -17,7 +17,7 @@ _ACCELERATIONS = {
     'mm/s²': 1e-3,
     'g': STANDARD_GRAVITY,
 }
-#: Of the motion of a base, whose unit says which quantity is meant.
+#: Units of the motion of a base: the unit decides which quantity is meant.
 _OF_BASE = 'm, m/s or m/s^2'
 #: Units of a quantity by its SI unit, as factors to that.
 UNITS: dict[str, dict[str, float]] = {
@@ -53,12 +53,12 @@ USUAL: dict[str, tuple[float, float]] = {
     's': (1e-3, 1e3),
 }
 _NUMBER = re.compile(r'([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?)(.*)', re.DOTALL)
-#: 1 or 1000, as the reader is used to
+#: 1,000 is 1 where the comma is a decimal sign, and 1000 where it separates thousands.
 _AMBIGUOUS = re.compile(r'[-+]?[1-9]\d{0,2},\d{3}')
 
 
 def in_si(number: float, factor: float) -> float:
-    """Return a number of a unit in SI, as it would be typed: 5 Hz without what rounding adds."""
+    """Return a number of a unit in SI, rounded to 15 digits, as a person would type it."""
     return number if factor == 1.0 else float(f'{number * factor:.15g}')
 
 

@@ -4,8 +4,8 @@ Documents of earlier formats, brought to the present one step by step.
 
 A document is what JSON gives: numbers, texts, lists and mappings. Formats count from 1, that of
 version 1.0. A later one comes with a function `upgraded_from_N`, which makes a document of format
-N + 1 from one of format N, and with a test of it; so that every version reads what all before it
-have written.
+N + 1 from one of format N, and with a test of it; so that every version reads the documents of all
+earlier ones.
 """
 
 from __future__ import annotations
