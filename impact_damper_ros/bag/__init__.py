@@ -2,9 +2,9 @@
 """
 Runs recorded as rosbag2 does, read back, and saved after a crash; without ROS.
 
-`RunWriter` records, `RunReader` reads, `recover_run` saves the intact part. `decode` takes a
-message apart; the topics of a rig are in `rig_topics`. The names below are imported when they are
-first used: a node that records nothing needs neither MCAP nor SQLite.
+`RunWriter` records, `RunReader` reads, `recover_run` saves the intact part. `decode` decodes a
+message; the topics of a rig are in `rig_topics`. The names below are imported when they are first
+used: a node that records nothing needs neither MCAP nor SQLite.
 """
 
 from __future__ import annotations

@@ -2,14 +2,15 @@
 """
 One bag: a directory with MCAP files as rosbag2 writes them, and their ``metadata.yaml``.
 
-Each file is a complete MCAP file. Only the numbers of the messages go on from one to the next.
+Each file is a complete MCAP file. Only the numbers of the messages continue from file to file.
 
 Everything here is done in the calling thread; `RunWriter` adds the queue.
 
 The `mcap` library writes whole records into memory, which go to the file in one system call per
-flush: a process killed with ``kill -9`` leaves whole records behind (what was handed to the kernel
-survives the process). The chunks are compressed with zstd: on joint states it costs 0.5 µs per
-message and saves 60 % of the size. Chunks, data and summary have checksums, unlike rosbag2's own.
+flush: a process killed with ``kill -9`` leaves whole records behind (bytes that the kernel has
+received survive the process). The chunks are compressed with zstd: on joint states it costs 0.5 µs
+per message and saves 60 % of the size. Chunks, data and summary have checksums, unlike rosbag2's
+own.
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 """
 One MCAP file of a bag, finished, cut short or damaged.
 
-Opening a file passes from record to record, and where the length of one is wrong, on to the chunks
-that the summary lists. The messages are in blocks, which are read one by one; a chunk is expanded
-to `LARGEST` at most. The records are those of the `mcap` library; its readers end at the first
-damage, and take five times as long. The format: https://mcap.dev/spec
+Opening a file passes from record to record, and where the length of one is wrong, goes on to the
+chunks that the summary lists. The messages are in blocks, which are read one by one; a chunk is
+expanded to `LARGEST` at most. The records are those of the `mcap` library; its readers end at the
+first damage, and take five times as long. The format: https://mcap.dev/spec
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ MAGIC = MCAP0_MAGIC
 LARGEST = 128 * 1024 * 1024
 #: Bytes that are read, expanded or taken together as one block.
 _PIECE = 1024 * 1024
-#: How a file or a message begins that rosbag2 has compressed. No encapsulation of CDR does.
+#: First bytes of a file or a message that rosbag2 has compressed; no encapsulation of CDR has
+#: them.
 ZSTD = b'\x28\xb5\x2f\xfd'
 _SQLITE = b'SQLite format 3\0'
 LATEST_STAMP = 2**63 - 1
@@ -84,7 +85,7 @@ StoredMessage = tuple[int, int, int, int, bytes]
 
 
 def not_plain(path: Path, what: str) -> RecordingError:
-    """Return the error for a file of a bag that another program has to convert first."""
+    """Return the error for a file of a bag that another program must convert first."""
     bag = path.parent if (path.parent / 'metadata.yaml').exists() else path
     remedy = (
         f'convert the bag: rosbags-convert --src {shlex.quote(str(bag))} --dst NEW '
@@ -97,16 +98,16 @@ def not_plain(path: Path, what: str) -> RecordingError:
 class Block:
     """A part of a file that holds messages: a chunk, or messages outside of any chunk."""
 
-    position: int  # in the file
-    length: int  # of what is there of it
+    position: int  # its place in the file
+    length: int  # of the part that is present
     start_ns: int  # earliest stamp
     end_ns: int  # latest stamp
     chunked: bool = False
     whole: bool = True  # false for the chunk in the middle of which a file was cut
-    #: Of its messages, and of those of channels that are not described, once it was read
+    #: Number of its messages, and of messages of undescribed channels, once it was read
     count: int | None = None
     strange: int = 0
-    index: ChunkIndex | None = None  # of a chunk, if the summary lists it
+    index: ChunkIndex | None = None  # entry of the summary for a chunk, if there is one
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -133,8 +134,8 @@ class McapFile:
         self.counts: Mapping[int, int] = {}  # messages by channel
         self.metadata: list[Metadata] = []
         self.others = 0  # attachments, and records of kinds that the format does not know
-        self.finished = False  # whether it ends with footer and magic
-        self.framed = 0  # where the last whole record ends before a break
+        self.finished = False  # whether the file ends with footer and magic
+        self.framed = 0  # end of the last whole record before a break
         self.unusable = 0  # bytes that belong to no whole record
         self._schemas: dict[int, Schema] = {}
         self._described: set[tuple[int, bytes]] = set()
@@ -158,7 +159,7 @@ class McapFile:
         return open_file(self.path)
 
     def faults(self) -> Iterator[str]:
-        """Yield where the file contradicts itself, once all its blocks were read."""
+        """Yield the contradictions within the file, once all its blocks were read."""
         yield from self._faults
         counts = [block.count for block in self.blocks]
         if self._statistics is not None and None not in counts:
@@ -198,18 +199,18 @@ class McapFile:
                 f'the record at byte {self.framed} is damaged (its kind or its length is wrong)'
             )
         if not self.finished and self.blocks and self.blocks[-1].chunked:
-            # What a power cut left unwritten of it may be there as zeros.
+            # A power cut may leave zeros where data was not written.
             self.blocks[-1].whole = False
 
     def _use_indexes(self, stream: BinaryIO) -> None:
-        """Take chunks as the summary lists them: where, of what time, and how compressed."""
+        """Take place, times and compression of the chunks from the summary."""
         blocks = {block.position: block for block in self.blocks}
         for index in self._indexes:
             begin, of = index.chunk_start_offset, index.chunk_length
             times = index.message_start_time, index.message_end_time
             stream.seek(begin + _HEAD.size)
             stated = _CHUNK.unpack(stream.read(_CHUNK.size).ljust(_CHUNK.size))[:2]
-            # Behind a hole the chunks are elsewhere. Of the two times one may be damaged.
+            # Behind a hole the chunks are at other places. One of the two times may be damaged.
             if stated[0] == times[0] or stated[1] == times[1]:
                 blocks[begin] = Block(begin, of, *times, chunked=True, index=index)
         self.blocks, end = [], 0
@@ -224,7 +225,7 @@ class McapFile:
             self.blocks.append(block)
 
     def _pass_records(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Note the records from a place on; return where the last whole one ends."""
+        """Note the records from a place on; return the end of the last whole one."""
         of_data: dict[int, Channel] = {}
         while True:
             stream.seek(position)
@@ -255,7 +256,7 @@ class McapFile:
                     of_data = dict(self.channels)
                 elif isinstance(record, Footer):
                     self.finished = stream.read() == MAGIC
-                    # It covers the footer but for itself.
+                    # The checksum covers the footer up to the checksum.
                     begin, crc_at = record.summary_start, end - 4
                     if record.summary_crc not in (0, _checksum(stream, begin, crc_at)):
                         self._faults.append('the checksum of its summary does not match')
@@ -272,7 +273,7 @@ class McapFile:
             self.blocks.append(Block(position, length, start, end, chunked=True))
 
     def _take_message(self, stream: BinaryIO, position: int, length: int) -> None:
-        """Note a message outside of any chunk; those that follow each other are one block."""
+        """Note a message outside of any chunk; consecutive messages are one block."""
         head = stream.read(_MESSAGE.size)
         if min(length, len(head)) < _MESSAGE.size:
             return
@@ -308,7 +309,7 @@ class McapFile:
             self._statistics = record
 
     def _count(self, stream: BinaryIO) -> None:
-        """Count the messages: as the statistics do, or where these cannot be by reading them."""
+        """Count the messages by the statistics, or where these cannot be right by reading."""
         listed = {} if self._statistics is None else self._statistics.channel_message_counts
         described = any(listed.values()) and self.channels.keys() >= listed.keys()
         if self.finished and described and not self._faults:
@@ -330,7 +331,7 @@ class McapFile:
     def read(
         self, stream: BinaryIO, block: Block, channels: Collection[int] | None = None
     ) -> tuple[list[StoredMessage], str]:
-        """Return the whole messages of a block, in file order, and what is wrong with it."""
+        """Return the whole messages of a block, in file order, and its faults."""
         stream.seek(block.position)
         records, fault = b'', ''
         try:
@@ -387,7 +388,7 @@ class McapFile:
         return found, fault
 
     def _describe(self, opcode: int, content: bytes) -> str:
-        """Take a schema or a channel described for the first time; return what is wrong."""
+        """Take the first description of a schema or a channel; return its fault."""
         key = opcode, content[:2]
         if key in self._described:
             return ''
@@ -407,7 +408,7 @@ def _reason(error: BaseException) -> str:
 
 
 def _summary_start(stream: BinaryIO, size: int) -> int:
-    """Return where the summary begins by the footer at the end of a file; 0 if there is none."""
+    """Return the place of the summary by the footer at the end of a file; 0 if there is none."""
     tail = _FOOTER.size + len(MAGIC)
     stream.seek(max(0, size - tail))
     footer = stream.read(_FOOTER.size)
@@ -441,9 +442,9 @@ def _checksum(stream: BinaryIO, begin: int, end: int) -> int:
 
 def _expanded_chunk(content: bytes, block: Block) -> tuple[bytes, str]:
     """
-    Return the records of a chunk as far as they can be expanded, and what is wrong with it.
+    Return the records of a chunk as far as they can be expanded, and its fault.
 
-    Of one that is not whole, missing records are nothing wrong.
+    Missing records of a chunk that was cut are no fault.
     """
     *_, size, crc, length = _CHUNK.unpack_from(content)
     begin = _CHUNK.size + length
@@ -451,13 +452,13 @@ def _expanded_chunk(content: bytes, block: Block) -> tuple[bytes, str]:
         size, compression = index.uncompressed_size, index.compression
         packed = content[-index.compressed_size :]
     else:
-        # After the name of the compression comes the length of what is compressed.
+        # The length of the compressed records stands behind the name of the compression.
         compression, packed = content[_CHUNK.size : begin].decode(), content[begin + 8 :]
     if size > LARGEST:
         raise ValueError(f'{size} bytes are declared; at most {LARGEST} are read')
     records, fault = _expand(compression, packed, size, _PIECE)
     if fault and len(records) < size:
-        # What comes before the damage
+        # The records before the damage
         records, fault = _expand(compression, packed, size, 1)
     if len(records) > size:
         raise ValueError(f'more than the {size} bytes declared')
@@ -469,7 +470,7 @@ def _expanded_chunk(content: bytes, block: Block) -> tuple[bytes, str]:
 
 
 def _expand(compression: str, packed: bytes, size: int, step: int) -> tuple[bytes, str]:
-    """Return what is compressed, to little more than `size` bytes, and the damage that ends it."""
+    """Expand little more than `size` bytes; return them and the damage that ends them."""
     pieces, length = [], 0
     try:
         for piece in _pieces(compression, packed, step):
@@ -483,7 +484,7 @@ def _expand(compression: str, packed: bytes, size: int, step: int) -> tuple[byte
 
 
 def _pieces(compression: str, packed: bytes, step: int) -> Iterator[bytes]:
-    """Yield what is compressed; a damage loses up to `step` bytes before it."""
+    """Yield the expanded bytes; up to `step` bytes before a damage are lost."""
     if compression == 'zstd':
         reader = zstandard.ZstdDecompressor().stream_reader(packed)
         while piece := reader.read(step):

@@ -4,13 +4,13 @@ The recorded messages as typed Python objects, and their encoding in CDR.
 
 Plain CDR (XCDR version 1), as of DDS-XTypes 1.3, section 7.4.3, little-endian as on all machines
 of ROS 2: four bytes that name the encoding, then the fields, each aligned to its own size counted
-from there. Everything here works without ROS, and the bytes are those of the middleware with zeros
-for padding. `_FIELDS` lists the fields of each type; reading and writing follow it.
+from there. The module works without ROS, and writes the bytes of the middleware, with zeros for
+padding. `_FIELDS` lists the fields of each type; reading and writing follow it.
 
 Stamps are integers of nanoseconds; a header is flattened into `stamp_ns` and `frame_id`.
 
-The messages of a topic of joint states differ in stamp and numbers only, so that the rest is
-written, compared and read at once: see `JointStateLayout`. Only the columns need numpy.
+The messages of a topic of joint states differ in stamp and numbers only, so that all other bytes
+are written, compared and read at once: see `JointStateLayout`. Only the columns need numpy.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 DIAGNOSTIC_ARRAY = 'diagnostic_msgs/msg/DiagnosticArray'
 
 
-#: How a message in plain CDR begins.
+#: First bytes of a message in plain CDR.
 _PLAIN = b'\x00\x01\x00\x00'
 
 
@@ -97,7 +97,7 @@ class DiagnosticStatus:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticArray:
-    """diagnostic_msgs/msg/DiagnosticArray: the components' state."""
+    """diagnostic_msgs/msg/DiagnosticArray: the states of the components."""
 
     stamp_ns: int
     frame_id: str
@@ -120,7 +120,7 @@ _TYPES: dict[str, type[Message]] = {
     STRING: String,
 }
 
-#: What a field is: a number, by its letter of `struct`; 'time', 'string' or 'octets'; a type; a
+#: Kind of a field: a number, by its letter of `struct`; 'time', 'string' or 'octets'; a type; a
 #: tuple of these; or a list with one of these, for a sequence.
 _Kind = Any
 _FIELDS: dict[type, tuple[_Kind, ...]] = {
@@ -130,8 +130,8 @@ _FIELDS: dict[type, tuple[_Kind, ...]] = {
     DiagnosticArray: ('time', 'string', [DiagnosticStatus]),
     String: ('string',),
 }
-#: A parameter's value of each type but 'not set', in the order of rcl_interfaces/ParameterType:
-#: all are in the message, and the number of the type selects one.
+#: Values of a parameter of each type but 'not set', in the order of rcl_interfaces/ParameterType:
+#: the message has all of them, and the number of the type selects one.
 _VALUES: tuple[_Kind, ...] = ('?', 'q', 'd', 'string', 'octets', ['?'], ['q'], ['d'], ['string'])
 _NO_VALUES = (False, 0, 0.0, '', b'', (), (), (), ())
 
@@ -290,7 +290,7 @@ def header_ns(content: bytes) -> int:
 
 
 def with_stamp(content: bytes, stamp_ns: int) -> bytes:
-    """Return an encoded message that begins with its stamp with another stamp."""
+    """Return an encoded message, which begins with its stamp, with another stamp."""
     return content[:_STAMP_AT] + _STAMP.pack(*divmod(stamp_ns, _NS_PER_S)) + content[_STAMP_END:]
 
 
@@ -300,7 +300,7 @@ def clock_message(stamp_ns: int) -> bytes:
 
 
 def message_row(numbers: int) -> np.dtype[np.void]:
-    """Return the dtype of joint states with so many positions, velocities and efforts in all."""
+    """Return the dtype of joint states with `numbers` positions, velocities and efforts in all."""
     import numpy as np
 
     return np.dtype(
@@ -315,9 +315,9 @@ def message_row(numbers: int) -> np.dtype[np.void]:
 
 class JointStateLayout:
     """
-    The layout of a sensor_msgs/JointState: all of it but the stamp and the numbers.
+    The layout of a sensor_msgs/JointState: all its bytes but the stamp and the numbers.
 
-    It is read from a message in CDR; `CdrError` if that is no JointState.
+    It is read from a message in CDR; a message that is no JointState raises `CdrError`.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -330,11 +330,11 @@ class JointStateLayout:
                 ends.append(reader.position)
         except UnicodeDecodeError as error:
             raise CdrError(f'it is no {JOINT_STATE}: {error}') from error
-        #: How many positions, velocities and efforts there are
+        #: Numbers of positions, velocities and efforts
         self.counts = tuple(counts)
         self.size = len(content)
         begins = [end - 8 * count for end, count in zip(ends, counts, strict=True)]
-        # All of a message: what is the same in each, and between that the stamp and the numbers
+        # The bytes that are the same in each message, between the stamp and the numbers
         same = zip([_STAMP_END, *ends], [*begins, len(content)], strict=True)
         self._same = [content[:_STAMP_AT], *(content[begin:end] for begin, end in same)]
         sizes = [f'{len(part)}s' for part in self._same]
@@ -358,7 +358,7 @@ class JointStateLayout:
     ) -> bytes:
         """Return a message of this layout; efforts that are not given are 0."""
         head, names, after_positions, after_velocities, after_efforts = self._same
-        # In one go: this is what a rig sends at every tick.
+        # All at once: a rig sends this message at every tick.
         seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
         return self._pack(
             head,
@@ -429,14 +429,14 @@ class JointStateRows:
         if layout.names != self._joints or not whole or few:
             held = ', '.join(layout.names) or 'none'
             raise CdrError(f'its joints are {held}, not {", ".join(self._joints)}')
-        # The oldest are the commonest
+        # The oldest layouts are the most common.
         self._layouts = [*self._layouts[: _MOST_LAYOUTS - 1], layout]
         return layout
 
     def read(
         self, contents: Sequence[bytes], log_ns: int | Sequence[int]
     ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-        """Return messages as `message_row`, and which of them can be read."""
+        """Return messages as `message_row`, and a mask of those that can be read."""
         import numpy as np
 
         found = np.zeros(len(contents), message_row(sum(self._counts)))

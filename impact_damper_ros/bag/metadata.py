@@ -113,7 +113,7 @@ class BagMetadata:
 
 
 def name_in_utf8(name: str) -> str:
-    """Return a file's name as its bytes read in UTF-8, whatever the locale reads them in."""
+    """Return the name of a file with its bytes decoded as UTF-8, whatever the locale is."""
     return os.fsencode(name).decode()
 
 
@@ -159,7 +159,7 @@ def _count(content: Mapping[str, Any]) -> int | None:
 
 
 def listing_faults(listing: Mapping[str, Any], there: int) -> Iterator[str]:
-    """Yield whether ``metadata.yaml`` does not count the messages that are in the files."""
+    """Yield a fault if ``metadata.yaml`` does not state the number of messages in the files."""
     stated = _count(listing)
     if stated not in (None, there):
         yield f'metadata.yaml counts {plural(stated or 0, "message", ",")} in all, not {there:,}'

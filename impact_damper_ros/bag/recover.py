@@ -17,7 +17,7 @@ from .metadata import FILE_NAME
 from .run_reader import RecordedTopic, RunReader
 from .topics import Channel
 
-#: Bytes of messages that wait in memory.
+#: Most bytes of messages that wait in memory.
 _MOST_WAITING = 4 * 1024 * 1024
 
 
@@ -43,7 +43,7 @@ class Recovery:
     faults : tuple of str
         Contradictions within the source.
     left_out : tuple of str
-        What else than messages is not in the new bag.
+        Content other than messages that is not in the new bag.
     """
 
     source: Path
@@ -191,7 +191,7 @@ class _Copy:
 
 
 def _key(channel: Channel) -> object:
-    """Return what distinguishes a channel: publishers of one topic may come and go."""
+    """Return the key of a channel, without its publishers: those of a topic may change."""
     encodings = channel.schema_encoding, channel.message_encoding
     return channel.topic, channel.type, channel.schema, channel.type_hash, encodings
 

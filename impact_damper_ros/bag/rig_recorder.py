@@ -65,13 +65,13 @@ class RigRecorder(Observer):
     Parameters
     ----------
     directory : Path or str
-        Of the bag; made if absent, must not hold a bag already.
+        Directory of the bag; made if absent, must not hold a bag already.
     rig : Rig
         The rig, where the run begins.
     parameters : mapping
-        Parameters by name, for the list of all parameters with which the bag begins.
+        Parameters by name, for the list of parameters at the beginning of the bag.
     rate, duration : float
-        Ticks per second, and rig time after which the bag ends, s; infinity if that is not known.
+        Ticks per second, and rig time after which the bag ends, s; infinity if unknown.
     node : str, optional
         Full name of the node that the bag names; the topics are in its namespace.
     start_ns : int, optional
@@ -136,7 +136,7 @@ class RigRecorder(Observer):
             self._tick()
 
     def _begin_file(self, time_ns: int) -> None:
-        """Record what a reader of this file alone needs."""
+        """Record everything that a reader needs who has this file alone."""
         self._snapshot('record', time_ns)
         listing = parameter_event(time_ns, self._node, self._values, new=True)
         self._write('parameter_events', listing, time_ns)

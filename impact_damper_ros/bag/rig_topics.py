@@ -20,8 +20,8 @@ from .topics import LATCHED, QosProfile, Topic
 if TYPE_CHECKING:
     from impact_damper_ros.motion.event import Event, Sample
 
-#: The `frame_id` of the joint states that a rig repeats while it is paused, so many a second; they
-#: are no samples.
+#: The `frame_id` of the joint states that a rig repeats while it is paused, so many a second; such
+#: states are no samples.
 PAUSED_FRAME, PAUSED_RATE = 'paused', 10.0
 _SAMPLED = 'taken at each sample and measurement; its `frame_id` is not read'
 
@@ -34,11 +34,11 @@ class RigTopic(Topic):
     Attributes
     ----------
     rate : float or str
-        Messages a second, or the setting of the node that says how many; 0 if `when` says it.
+        Messages a second, or the name of the setting that holds them; 0 if `when` describes them.
     when : str
-        What else brings a message.
+        What else causes a message.
     frames : tuple of str
-        Each `frame_id` that its messages have.
+        Each `frame_id` of its messages.
     """
 
     rate: float | str = 0.0
@@ -50,8 +50,8 @@ class RigTopic(Topic):
         return float(getattr(settings, self.rate) if isinstance(self.rate, str) else self.rate)
 
 
-#: What a rig publishes, by the name under which the notes of a bag list it. A name without a slash
-#: is in the namespace of the node, which has the topics remapped if its user wants that.
+#: Topics that a rig publishes, by the name under which the notes of a bag list them. A name
+#: without a slash is in the namespace of the node; a user may remap it.
 RIG_TOPICS: dict[str, RigTopic] = {
     # Reliable, as joint_state_publisher and joint_state_broadcaster offer it: best-effort
     # subscribers (robot_state_publisher) match too. Deep, for a subscriber that stalls.
@@ -106,7 +106,7 @@ RIG_TOPICS: dict[str, RigTopic] = {
     ),
 }
 
-#: What the node publishes beside them, and does not record.
+#: Topics that the node also publishes, and does not record.
 LIVE_TOPICS: dict[str, RigTopic] = {
     'theory': RigTopic('theory', STRING, LATCHED, when='twice after a change'),
     # Reliable and best-effort subscribers match.
@@ -118,7 +118,7 @@ LIVE_TOPICS: dict[str, RigTopic] = {
         when=f'{PAUSED_RATE:g} a second while paused; of a rig with simulated time',
     ),
 }
-#: What it takes from a controller: those that have come are few, or old.
+#: Topics of commands of a controller: a few messages that wait are enough.
 COMMAND_TOPICS: dict[str, RigTopic] = {
     'stop_commands': RigTopic('stop_commands', JOINT_STATE, QosProfile(depth=4), when=_SAMPLED),
     'force_command': RigTopic(
@@ -137,8 +137,8 @@ def recording_notes(node: str, names: Mapping[str, str]) -> dict[str, str]:
     return {'node': node, **names}
 
 
-#: Joints along the axis of what rides on M, and all joints. The incline is an angle, `base` is
-#: what the spring of M hangs on, and `relative` is the primary mass as seen from there.
+#: Joints along the axis of the parts that ride on M, and all joints. `incline` is an angle, the
+#: spring of M hangs on `base`, and `relative` is the primary mass relative to `base`.
 AXIS_JOINTS = ('primary', 'damper', 'stop_1', 'stop_2')
 JOINTS = (*AXIS_JOINTS, 'incline', 'base', 'relative')
 IMPACT_JOINTS = AXIS_JOINTS[:2]
@@ -151,9 +151,9 @@ def state_numbers(sample: Sample, deflection: float, angle: float) -> tuple[_Num
     Return the published numbers of a sample: positions and velocities of `JOINTS`.
 
     Positions count from the place of M with an unloaded spring, which no change of the rig moves;
-    `deflection` is the static deflection of the rig then, m. The angle of the incline, rad, only
-    changes at once, so that its velocity is 0. The place of `relative` is how far the spring is
-    stretched.
+    `deflection` is the static deflection of the rig at that time, m. The angle of the incline,
+    rad, changes in jumps only, so that its velocity is 0. The position of `relative` is the
+    elongation of the spring.
     """
     _, x, velocity, z, damper_velocity, stop_1, stop_2, velocity_1, velocity_2, *base = sample
     here, rate = base
@@ -169,8 +169,8 @@ def impact_numbers(
     """
     Return the published numbers of an impact: positions, velocities, efforts of `IMPACT_JOINTS`.
 
-    The velocities are those of M and m after the impact, the efforts the impulses on them, of
-    which the first is given: stop 1, the lower one, throws m up. For the deflection see
+    The velocities are those of M and m after the impact, the efforts the impulses on them.
+    `impulse` is that on M: stop 1, the lower one, throws m up. For the deflection see
     `state_numbers`. Columns of several impacts may stand for the numbers.
     """
     return (x + deflection, x + y + deflection), after, (impulse, -impulse)
@@ -203,7 +203,7 @@ class RigMessages:
     def measurement(
         self, stamp_ns: int, positions: Sequence[float], velocities: Sequence[float]
     ) -> bytes:
-        """Return what the sensors see of `AXIS_JOINTS`: X, and the others in M."""
+        """Return the measurement of `AXIS_JOINTS`: X, and the positions of the others in M."""
         return self._measurement.fill(stamp_ns, positions, velocities)
 
     def impact(self, stamp_ns: int, event: Event, deflection: float) -> bytes:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters
 
-#: Largest magnification at resonance that is drawn: a damped rig comes to less, without impacts.
+#: Largest magnification at resonance that is drawn; that of a damped rig is lower.
 _MAGNIFICATION = 100.0
 #: Least length of the damper, in amplitudes of M, so that it is visible.
 _DAMPER_PER_SWING = 0.25
@@ -57,7 +57,7 @@ def _swing(rig: RigParameters) -> float:
     for number, (amplitude, frequency) in enumerate(zip(amplitudes, frequencies, strict=True)):
         low = high = frequency
         if not number and rig.sweep_mode != 'off':
-            # It may go through the resonance.
+            # The sweep may pass the resonance.
             low, high = rig.sweep_low, rig.sweep_high
         r = min(max(rig.omega, low), high) / rig.omega
         reduction = math.hypot((1.0 - r) * (1.0 + r), 2.0 * rig.zeta * r)
@@ -66,7 +66,7 @@ def _swing(rig: RigParameters) -> float:
 
 
 def picture_size(rig: RigParameters, gap_max: float = 0.0) -> PictureSize:
-    """Return how large a rig is drawn."""
+    """Return the lengths with which a rig is drawn."""
     swing = _swing(rig)
     damper = max(rig.gap, _DAMPER_PER_SWING * swing)
     widest = max(rig.gap, min(gap_max, _MOST_GAPS * rig.gap))
@@ -110,12 +110,11 @@ def robot_description(rig: RigParameters, gap_max: float = 0.0) -> str:
     """
     Return the URDF of a rig.
 
-    Its joints are those of the topic joint_states: the incline, and absolute positions along
-    its axis, so each hangs from the axis and none from another. The primary is at 0 while its
-    spring is unloaded and its base at 0; a mark there moves with the base. A stop's joint
-    stands where the middle of the damper is when they touch, so the stops' blocks begin half a
-    damper further out. The deck is long enough for `gap_max`, the largest gap of the control,
-    up to eight times the gap.
+    Its joints are those of the topic joint_states: the incline, and absolute positions along its
+    axis, so that each joint hangs from the axis. The primary is at 0 while its spring is unloaded
+    and its base at 0; a mark there moves with the base. The joint of a stop is at the middle of
+    the damper when they touch, so that the block of the stop begins half a damper further out. The
+    deck is long enough for `gap_max`, the largest gap of the control, up to eight times the gap.
     """
     return _urdf(picture_size(rig, gap_max), rig.one_sided)
 

@@ -45,7 +45,7 @@ class RecordedTopic(NamedTuple):
 
 
 _STAMP = itemgetter(2)
-#: Bytes of messages, with what each takes in memory, that overlap in time and are held together.
+#: Most bytes in memory of messages that overlap in time.
 _MOST_HELD = 512 * 1024 * 1024
 _EACH = 250
 _REMEDY = 'name a bag directory or a .mcap file'
@@ -55,8 +55,8 @@ def bag_files(path: Path | str) -> list[Path]:
     """
     Return the files of a bag, in order: its own path, or those in the directory.
 
-    They are those that `metadata.yaml` lists. Without a list that can be read, or where none of
-    them is there, they are all files of the kind that rosbag2 writes; hidden ones never are.
+    The files are those that `metadata.yaml` lists. Without a readable list, or where all its files
+    are missing, they are all files of the kind that rosbag2 writes, but hidden ones.
     """
     path, listing = Path(path), None
     with suppress(RecordingError):
@@ -104,24 +104,24 @@ class RunReader:
     path : Path
         As given.
     topics : dict of (str, str) to RecordedTopic
-        By name and type: a topic that has messages of two types is two topics here.
+        Topics by name and type: a topic that has messages of two types stands here twice.
     start_ns, end_ns : int or None
         Earliest and latest stamp; None without messages.
     complete : bool
-        Whether the bag was finished and is all there.
+        Whether the bag was finished and no file is missing.
     unusable : int
         Bytes that belong to no whole record, as at the end of a cut file.
     custom : dict of str to str
         The recorder's notes.
     distro : str
-        The distribution of ROS that it states; empty if none.
+        The distribution of ROS that the bag states; empty if none.
     files : list of McapFile
         Its files, in order.
 
     Raises
     ------
     RecordingError
-        If it is no bag written by ROS 2 or by `RunWriter`, or not plain MCAP.
+        If `path` is no bag written by ROS 2 or by `RunWriter`, or not plain MCAP.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -142,7 +142,7 @@ class RunReader:
                 self._empty.append(name.name)
                 continue
             file = McapFile(name)
-            # Some recorders state none
+            # Some recorders state no profile.
             if file.profile not in ('ros2', ''):
                 cause = f'its MCAP profile is {file.profile!r}, not ros2: ROS 2 did not write it'
                 raise RecordingError('read', name, cause)
@@ -166,11 +166,11 @@ class RunReader:
             self.distro = str(described.get('ros_distro') or self.distro)
 
     def _descriptions(self) -> Iterator[Mapping[str, Any]]:
-        """Yield what metadata.yaml and the files say of the bag, each in the form of the first."""
+        """Yield the descriptions of the bag by metadata.yaml and by the files, in one form."""
         yield self._listing or {}
         for file in self.files:
             held = [record.metadata for record in file.metadata if record.name == 'rosbag2']
-            # The first one is there even in a recording that was cut short.
+            # The first file is there even in a recording that was cut short.
             for metadata in held[:1] + held[1:][-1:]:
                 with suppress(yaml.YAMLError, KeyError):
                     described = load_yaml(metadata['serialized_metadata'])
@@ -189,12 +189,12 @@ class RunReader:
 
     @property
     def own(self) -> bool:
-        """Whether it is the node's own recording, as it was written or recovered."""
+        """Whether the node wrote the recording; it may be recovered."""
         return 'node' in self.custom and all(file.own for file in self.files)
 
     @property
     def dropped(self) -> int:
-        """Number of messages that the node notes it has dropped, or 0."""
+        """Number of messages that the node dropped by its notes, or 0."""
         number = self.custom.get('dropped', '')
         return int(number) if number.isdecimal() and len(number) < 20 else 0
 
@@ -226,7 +226,7 @@ class RunReader:
         return found
 
     def remarks(self) -> list[str]:
-        """Return what else a user should know of the recording."""
+        """Return remarks for the user on the recording."""
         found = []
         if self.dropped:
             found.append(f'the recorder notes that it has dropped {self.dropped:,} messages')
@@ -258,7 +258,7 @@ class RunReader:
         Parameters
         ----------
         topics : collection of str and (str, str), optional
-            Those wanted, each by its full name or by name and type; all if not given.
+            Topics to read, each by its full name or by name and type; all if not given.
 
         Raises
         ------
@@ -281,7 +281,7 @@ class RunReader:
                 del held[:ready]
                 file, channels = self.files[number], wanted[number]
                 if opened != number:
-                    # One at a time: of a long run there are more than may be open.
+                    # One file at a time: a long run has more files than may be open.
                     stack.close()
                     opened, stream = number, stack.enter_context(file.open())
                 stored, fault = file.read(stream, block, channels)

@@ -51,11 +51,11 @@ def create_run_directory(parent: Path | str, when: float | None = None) -> Path:
 _SHORTEST_NS = 10**9
 #: Times per flush period that the writer thread looks at an empty queue.
 _POLLS = 10
-#: Messages that are not left waiting for the next flush.
+#: Number of waiting messages that are written before the next flush.
 _MANY = 1000
 #: Messages taken from the queue between two looks at the clock.
 _BATCH = 500
-#: Places in the queue that must be free for what a file begins with.
+#: Places in the queue that must be free for the first messages of a file.
 _ROOM = 100
 
 
@@ -68,15 +68,16 @@ class RunWriter:
     `flush_period` of the run; a second thread forces them to the disk every `sync_period`, so that
     a power cut loses little more, and a slow disk delays neither the flushes nor the run.
 
-    A long run goes to several files. The caller decides where one ends, since each has to begin
-    with all that a reader of it alone needs: see `split_due` and `split`.
+    A long run goes to several files. The caller decides where one ends, since each file begins
+    with everything that a reader needs who has this file alone: see `split_due` and `split`.
 
     Parameters
     ----------
     directory : Path or str
-        Of the bag; made if absent, must not hold a bag already. See `create_run_directory`.
+        Directory of the bag; made if absent, must not hold a bag already. See
+        `create_run_directory`.
     topics : sequence of Topic
-        What is recorded.
+        The topics to record.
     flush_period : float, default 0.5
         Longest time, in seconds, that a message may stay in memory.
     sync_period : float, default 5.0
@@ -90,10 +91,10 @@ class RunWriter:
         Called from any thread once `error` is set; its exceptions are ignored.
     max_size : int, default 0
         Bytes of a file after which `split_due` asks for the next one, though not within a second;
-        0 for no limit. What is not in the file yet is taken to be compressed as
-        what is.
+        0 for no limit. Messages that wait are assumed to be compressed as those in the file are.
     max_duration : float, default 0.0
-        Time from the first stamp of a file, in seconds, after which it does so; 0 for no limit.
+        Time from the first stamp of a file, in seconds, after which `split_due` asks for the next
+        one; 0 for no limit.
 
     Attributes
     ----------
@@ -141,9 +142,10 @@ class RunWriter:
         self._queue_limit = queue_limit
         self._max_size = max_size
         self._max_duration_ns = round(max_duration * 1e9)
-        # Of the file that is written to, for those who write; it may still be in the queue
+        # Begin of the present file for the threads that write; the file may still wait in the
+        # queue
         self._begun_ns: int | None = None
-        # How many files were asked for, and have been begun
+        # Numbers of files that were requested, and that have been begun
         self._asked = self._begun = 0
         self._accepting = True
         self._lock = threading.Lock()
@@ -154,7 +156,7 @@ class RunWriter:
         self._closing = threading.RLock()
         self._closed = False
         self._stop = threading.Event()
-        # Set to have the queue looked at now
+        # Set to wake the thread that empties the queue
         self._wake = threading.Event()
         self._threads = [
             threading.Thread(target=self._write_loop, name='run_writer', daemon=True),
@@ -245,12 +247,12 @@ class RunWriter:
         """
         Return whether the present file has reached a limit; never blocks, never raises.
 
-        To be called, and `split`, by the one thread that writes.
+        Only the thread that writes may call this and `split`.
 
         Parameters
         ----------
         stamp_ns : int
-            Stamp of the last message; that of the first call is where the first file begins.
+            Stamp of the last message; the first file begins at the stamp of the first call.
         """
         if self._begun_ns is None:
             self._begun_ns = stamp_ns
@@ -364,7 +366,7 @@ class RunWriter:
             flushed = time.monotonic() - self._flush_interval
             dirty = stopping = False
             while not stopping and self.error is None:
-                # Seldom rather than soon: each time the thread that moves a rig has to wait.
+                # The queue is emptied seldom: each time the thread that moves a rig has to wait.
                 left = flushed + self._flush_interval - time.monotonic()
                 self._wake.wait(left if left > 0.0 else self._poll_period)
                 self._wake.clear()

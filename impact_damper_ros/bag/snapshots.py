@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Snapshots of a rig, as its node publishes them: what it is, and what was done to it.
+Snapshots of a rig, as its node publishes them: its state, and what was done to the rig.
 
 A snapshot has all that a bit-for-bit continuation needs, and in `done` what was done since the one
 before, in order, each as a name and its value:
 
 - ``['change', {parameter: value, ...}]``: parameters that took other values together,
 - ``['reset', {parameter: value, ...}]``: a reset to these initial conditions,
-- ``['stamp_offset_ns', stamp]``: the stamps moved on or back; from here on this is the stamp of
-  rig time 0.
+- ``['stamp_offset_ns', stamp]``: the stamps moved on or back; this is the stamp of rig time 0 from
+here on.
 
-So a reader carries out what it reads, and searches nothing. `run` is a random number that all
-snapshots of one run have in common: another one is of a rig that was started anew.
+A reader carries out these entries, and need not compare snapshots. `run` is a random number that
+all snapshots of one run have in common: another one is of a rig that was started anew.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import Any
 
 #: Least and greatest rate of joint states, Hz; their stamps are whole nanoseconds.
 RATES = 1e-12, 1e9
-#: Arguments of the functions of which `mathematics` takes the bits.
+#: Arguments of the functions whose bits `mathematics` takes.
 _ARGUMENTS = tuple(0.37 * k + 1e-3 * k * k for k in range(1, 1000))
 
 
@@ -36,15 +36,16 @@ def mathematics() -> int:
     """
     Return a number that stands for the last bits of the mathematical functions of this machine.
 
-    Other C libraries and processors round them differently, so that a rig has other last bits.
+    Other C libraries and processors round these functions differently, so that a rig has other
+    last bits.
     """
     numbers = [f(s * a) for a in _ARGUMENTS for f, s in ((sin, 1.0), (cos, 1.0), (expm1, -0.02))]
-    # Of the noise of the sensors and of the phase that they estimate
+    # Functions of the noise of the sensors and of their estimates
     numbers += [value for a in _ARGUMENTS for value in (log(a), atan2(a - 100.0, 7.0))]
     return zlib.crc32(pack(f'<{len(numbers)}d', *numbers))
 
 
-#: How far a flight is searched: not at all.
+#: State of the search of a flight that has not begun.
 _UNSEARCHED = {'searched': 0.0, 'crossing_side': 0, 'watched': 0.0, 'crossing': None}
 
 
@@ -61,11 +62,11 @@ class Snapshots:
     """
     Writes the snapshots of one run of a rig, given the full names of its node and topics.
 
-    `initial` is where a reset puts it, `rate` the joint states per second of rig time, `offset_ns`
-    the stamp of rig time 0.
+    `initial` is where a reset puts the rig, `rate` the joint states per second of rig time,
+    `offset_ns` the stamp of rig time 0.
     """
 
-    #: Topics that a snapshot names.
+    #: Keys of the topics that a snapshot names.
     TOPICS = ('joint_states', 'impacts', 'gap_control', 'snapshot', 'parameter_events')
 
     def __init__(
@@ -101,7 +102,7 @@ class Snapshots:
         self._done.append(['reset', _plain(initial)])
 
     def move_stamps(self, offset_ns: int) -> None:
-        """Note the present stamp of rig time 0, if it is another one."""
+        """Note the present stamp of rig time 0, if that has changed."""
         if offset_ns != self._offset_ns:
             self._offset_ns = offset_ns
             self._done.append(['stamp_offset_ns', offset_ns])

@@ -2,7 +2,7 @@
 """
 The columns of a topic, as `measured/` has those of a file: `JointState`, `Imu` and `Float64`.
 
-Stamps are not among them: a number since 1970 has not the digits of nanoseconds.
+Stamps are not among them: a float of seconds since 1970 has no digits of nanoseconds.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TYPES = (JOINT_STATE, IMU, FLOAT)
 
 
 class TopicColumns(NamedTuple):
-    """Columns of a topic, what they are called, and the one that is meant if none is named."""
+    """Columns of a topic, their kind, and the column that is used if none is named."""
 
     stamps_ns: NDArray[np.int64]
     columns: list[tuple[Heading, Array]]
@@ -35,7 +35,7 @@ class TopicColumns(NamedTuple):
     usual: str
 
     def quantity(self, place: int) -> str:
-        """Return what a column is: displacement, velocity or acceleration."""
+        """Return the quantity of a column: displacement, velocity or acceleration."""
         unit = self.columns[place][0].si
         assert unit is not None
         return quantity_of(unit[0])
@@ -90,12 +90,12 @@ def _imu(messages: Sequence[RecordedMessage]) -> TopicColumns:
     values = np.array([row[-3:] for row in rows], float)
     stamps = np.array([row[0] for row in rows], np.int64)
     columns = [(heading(axis, 'm/s^2'), values[:, n]) for n, axis in enumerate('xyz')]
-    # Along its axis a rig shakes most
+    # A rig shakes most along its axis.
     return TopicColumns(stamps, columns, 'axis', 'xyz'[int(np.argmax(values.std(axis=0)))])
 
 
 def _floats(messages: Sequence[RecordedMessage]) -> TopicColumns:
-    """Read numbers that have neither a stamp nor a unit: metres, or another one, as they came."""
+    """Read numbers without stamp and unit: metres, or another unit of SI."""
     values = np.array([CdrReader(message.content).read('d') for message in messages], float)
     units = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
     stamps = np.array([message.stamp_ns for message in messages], np.int64)

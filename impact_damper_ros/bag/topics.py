@@ -123,7 +123,7 @@ class Topic:
     type : str
         Full name of its type: ``'sensor_msgs/msg/JointState'``.
     qos : QosProfile
-        With which it is offered; `ros2 bag play` offers it likewise.
+        Quality of service of the publisher; `ros2 bag play` offers the same.
     """
 
     name: str
@@ -152,14 +152,14 @@ class Topic:
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic with all that a reader needs; also one of a bag written elsewhere."""
+    """A topic with everything that a reader needs, also of a bag of another program."""
 
     #: Names of the topic and of its type.
     topic: str
     type: str
     schema: bytes  # definition of the type with its dependencies
-    metadata: Mapping[str, str]  # of the MCAP channel, as rosbag2 writes it
-    #: As of the MCAP registry of well-known encodings.
+    metadata: Mapping[str, str]  # metadata of the MCAP channel, as rosbag2 writes it
+    #: Name in the MCAP registry of well-known encodings.
     schema_encoding: str = 'ros2msg'
     message_encoding: str = 'cdr'
 
@@ -170,7 +170,7 @@ class Channel:
 
     @cached_property
     def qos_profiles(self) -> list[dict[str, Any]]:
-        """The quality of service of each publisher; none if it is not stated as rosbag2 does."""
+        """The quality of service of each publisher; empty if not stated in the form of rosbag2."""
         try:
             profiles = load_yaml(self.metadata.get('offered_qos_profiles', ''))
         except yaml.YAMLError:

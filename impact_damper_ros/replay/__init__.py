@@ -2,7 +2,7 @@
 """
 Recorded runs: walked once in order, computed again bit for bit, and run with other parameters.
 
-Imported on first use: the rows of a rig need no reader of bags.
+Names are imported on first use: the rows of a rig need no reader of bags.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Commands: what was done to a recorded rig, and its state after that, as its snapshots say.
+Commands: what was done to a recorded rig, and its state after that, by its snapshots.
 
 A snapshot is checked before a rig is restored from it: a state that no rig can have would
 otherwise show much later, as an error of arithmetic.
@@ -88,7 +88,7 @@ class Setting(NamedTuple):
 
 
 class Head(NamedTuple):
-    """Which snapshot of which run a snapshot is, and when it was taken."""
+    """The run and the number of a snapshot, and its time."""
 
     run: str
     number: int
@@ -97,11 +97,11 @@ class Head(NamedTuple):
 
     @property
     def stamp_ns(self) -> int:
-        """Its stamp."""
+        """Stamp of the snapshot."""
         return self.offset_ns + self.time_ns
 
 
-#: What is done to a rig: parameters that change together, a reset, or stamps that move.
+#: An entry of `done`: parameters that change together, a reset, or stamps that move.
 Deed = Mapping[str, Any] | InitialConditions | int
 
 
@@ -116,7 +116,7 @@ class Command(NamedTuple):
     reason : str
         Why the snapshot was published.
     number : int
-        Of the snapshots of this rig.
+        Number of the snapshot, among those of this rig.
     run : str
         Identity of the run.
     node : str
@@ -126,15 +126,15 @@ class Command(NamedTuple):
     rate : float
         Joint states per second of rig time.
     done : tuple
-        In order: a mapping of parameters to the values that they took together, the initial
-        conditions of a reset, or the stamp from then on of rig time 0.
+        Entries in order: a mapping of parameters to the values that they took together, the
+        initial conditions of a reset, or the new stamp of rig time 0.
     initial : InitialConditions
-        To which a reset would put the rig.
+        Where a reset would put the rig.
     state : dict
-        What the future of the rig depends on; see `Rig.restore`.
+        Everything that the future of the rig depends on; see `Rig.restore`.
     arithmetic, mathematics : int
-        Of the version that recorded it, see `rig.snapshot.ARITHMETIC`, and of its machine, see
-        `bag.snapshots.mathematics`.
+        Numbers of the arithmetic of the version that recorded the run, see
+        `rig.snapshot.ARITHMETIC`, and of its machine, see `bag.snapshots.mathematics`.
     law : OwnLaw or None
         The law of the user's own that moves its stops, which the snapshot only names.
     """
@@ -167,7 +167,7 @@ class Command(NamedTuple):
 
 
 def parameters_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as JSON has them with tuples in place of lists."""
+    """Return parameters, read from JSON, with tuples in place of lists."""
     return {n: tuple(value) if isinstance(value, list) else value for n, value in values.items()}
 
 
@@ -181,25 +181,25 @@ def _act_text(name: object, value: Any) -> Deed:
         return InitialConditions(**value)
     if name == 'stamp_offset_ns' and type(value) is int:
         return value
-    raise ValueError(f'{quote(name)} with {quote(value)} is nothing that is done to a rig')
+    raise ValueError(f'{quote(name)} with {quote(value)} cannot be done to a rig')
 
 
 def read_head(record: RecordedMessage, path: Path, purpose: str) -> Head:
-    """Decode the head of a snapshot of a bag at `path`, which is read for a purpose."""
+    """Decode the head of a snapshot of the bag at `path`; errors name the purpose."""
     return _read(record, path, purpose, _head)
 
 
 def read_command(
     record: RecordedMessage, path: Path, purpose: str, law: OwnLaw | None = None
 ) -> Command:
-    """Decode and check a snapshot of a bag at `path`, which is read for a purpose."""
+    """Decode and check a snapshot of the bag at `path`; errors name the purpose."""
     return _read(record, path, purpose, lambda held: _command_of(held, law))
 
 
 def _read(
     record: RecordedMessage, path: Path, purpose: str, take: Callable[[dict[str, Any]], _T]
 ) -> _T:
-    """Decode a snapshot, and take from it what is wanted."""
+    """Decode a snapshot, and return the part of it that `take` reads."""
     where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
     try:
         message = decode(STRING, record.content)
@@ -280,7 +280,7 @@ def parse_snapshot(text: str) -> dict[str, Any]:
 
 
 def _check_time(state: Mapping[str, Any], time: float) -> None:
-    """Check that a state is of a rig time, s."""
+    """Check that a state is of the rig time of its message, s."""
     check_number('time', state['time'])
     if abs(state['time'] - time) > SAME_TIME:
         raise ValueError(
@@ -289,7 +289,7 @@ def _check_time(state: Mapping[str, Any], time: float) -> None:
 
 
 def _checked_state(state: dict[str, Any], law: OwnLaw | None) -> dict[str, Any]:
-    """Check that a rig can be restored from a state, and return that."""
+    """Check that a rig can be restored from a state, and return the state."""
     try:
         check_numbers('sample', Rig.restore(state, law).sample())
         return state
@@ -301,10 +301,10 @@ def restore_rig(command: Command, path: Path) -> Rig:
     """
     Return the rig after a command of the bag at a path.
 
-    Its present flight must last up to then, and must not take too long to search.
+    The present flight must last up to the snapshot, and its search must not take too long.
     """
     looks, now = iter(range(_MOST_LOOKS)), command.state['time']
-    # Not to an instant that is reached already: such an advance cannot be interrupted
+    # An advance to the present instant could not be interrupted.
     then, fault = min(nextafter(now, inf), LATEST), ''
     rig = Rig.restore(without_search(command.state), command.law)
     try:

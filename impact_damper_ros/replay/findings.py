@@ -16,7 +16,7 @@ from impact_damper_ros.parameters.quoting import quote
 
 #: Differences kept after each change of the rig, and remarks and faults kept.
 _MOST_KEPT = 20
-#: Quantities of messages that are only recorded, or only in the replay.
+#: Names of whole messages that are only recorded, or only in the replay.
 WHOLE = IMPACT, ACT = 'impact', 'act of the gap control'
 
 Array = NDArray[np.float64]
@@ -26,9 +26,9 @@ class ReplayVerdict(Enum):
     """Verdict on a replay."""
 
     IDENTICAL = 'identical'
-    #: As near as the round-off of another machine, or of another arithmetic, allows.
+    #: Equal within the round-off of another machine, or of another arithmetic.
     WITHIN_ROUND_OFF = 'within_round_off'
-    #: One of the two as far as the bag can be compared.
+    #: One of these two, as far as the bag can be compared.
     PARTIAL = 'partial'
     DIFFERENT = 'different'
 
@@ -68,7 +68,7 @@ class Difference:
 
     @property
     def amount(self) -> float:
-        """Recorded minus replayed value; NaN where these are no numbers, or beyond floats."""
+        """Recorded minus replayed value; NaN where it is no finite number."""
         if isinstance(self.recorded, int | float) and isinstance(self.replayed, int | float):
             with suppress(OverflowError):
                 return float(self.recorded - self.replayed)
@@ -89,7 +89,7 @@ class Difference:
         return f'{where} is {there}{unit} in the log, and {here}{unit} when the log is replayed'
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it in types of JSON; a number that is not finite is a text."""
+        """Return the difference in types of JSON; a number that is not finite is a text."""
         plain = {name: _plain(value) for name, value in asdict(self).items()}
         difference = self.amount if isfinite(self.amount) else None
         return {**plain, 'difference': difference, 'text': self.text}
@@ -109,7 +109,7 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class SampleGap:
-    """A gap without samples: the last one before it, both stamps, and how many are missing."""
+    """A gap without samples: time of the sample before, both stamps, number of missing samples."""
 
     after: float  # rig time, s
     from_stamp_ns: int
@@ -124,7 +124,7 @@ class Divergence:
     #: Rig times of the first and the last sample that differs, s.
     first: float = nan
     last: float = nan
-    samples: int = 0  # how many do
+    samples: int = 0  # number of samples that differ
     #: Largest differences of X and Z, m.
     largest_x: float = 0.0
     largest_z: float = 0.0
@@ -150,11 +150,11 @@ class Findings:
     Attributes
     ----------
     samples, impacts : int
-        How many were compared.
+        Numbers of samples and impacts that were compared.
     recorded_impacts : int
-        How many the bag holds, from its start on.
+        Number of impacts in the bag, from its start on.
     gap_control, recorded_gap_control, missing_gap_control : int
-        The same, and `missing_impacts`, for acts of the gap control.
+        Like `impacts`, `recorded_impacts` and `missing_impacts`, for acts of the gap control.
     changes, resets, pauses, slips, snapshots : int
         Other counts.
     start_ns, end_ns : int or None
@@ -162,15 +162,15 @@ class Findings:
     differences : list of Difference
         The first ones after each change of the rig, and the first one of each topic.
     difference_count : int
-        How many there are.
+        Number of all differences.
     by_topic : dict of str to int
-        The same for each topic.
+        Number of differences of each topic.
     divergence : Divergence
-        Of the joint states.
+        Divergence of the joint states.
     gaps : list of SampleGap
         The first gaps without samples.
     missing_samples, gap_count : int
-        Samples missing in all of them, and their number.
+        Samples missing in all gaps, and number of gaps.
     missing_impacts : int
         Impacts of the replay that are not in the bag, where the recorder has dropped messages.
     remarks : list of str
@@ -185,7 +185,7 @@ class Findings:
         Why the replay cannot have the last bits of the recording; empty if it can. The numbers
         are then compared with the replay within the errors of round-off.
     undecided : int
-        Flights that round-off may lead elsewhere, so that they were not compared with the replay.
+        Flights that are not compared with the replay, since round-off may change their events.
     unchecked : tuple of str
         Topics of the bag that were not compared.
     """
@@ -223,7 +223,7 @@ class Findings:
 
     @property
     def verdict(self) -> ReplayVerdict:
-        """Whether everything recorded is reproduced."""
+        """The verdict: whether the replay reproduces everything recorded."""
         if self.difference_count:
             return ReplayVerdict.DIFFERENT
         if self.faults:

@@ -3,7 +3,7 @@
 Recorded against replayed messages, as arrays.
 
 The messages of a topic are compared row by row, to the last bit. Impacts and acts are joined by
-their stamps. A joint state is replayed at its own instant, so that it has its partner.
+their stamps. A joint state is replayed at its recorded instant, so that each has a partner.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ QUANTITIES = {
 
 
 def _words(rows: Messages) -> NDArray[np.int64]:
-    """Return messages as they are stored, in which 0.0 and -0.0 differ; one row for each."""
+    """Return the bytes of messages, one row for each: 0.0 and -0.0 differ in them."""
     return np.ascontiguousarray(rows).view(np.int64).reshape(len(rows), rows.itemsize // 8)
 
 
 def _contents(rows: Messages) -> list[bytes]:
-    """Return all of each message but the stamp of the recording, which is its first field."""
+    """Return the bytes of each message behind its first field, the stamp of the recording."""
     held, size, stamp = rows.tobytes(), rows.itemsize, rows.dtype['log_ns'].itemsize
     return [held[i + stamp : i + size] for i in range(0, len(held), size)]
 
@@ -72,7 +72,7 @@ def _largest_difference(
     """Return quantity, unit and values where two messages differ most, relative."""
     there, here = _values(recorded), _values(replayed)
     wrong = [a != b for a, b in zip(there[:2], here[:2], strict=True)]
-    # By their bits: 0.0 and -0.0 differ, and so may two NaN.
+    # Numbers are compared by their bits: 0.0 and -0.0 differ, and so may two NaN.
     wrong += (recorded['numbers'].view(np.int64) != replayed['numbers'].view(np.int64)).tolist()
     rows = zip(QUANTITIES[key], there, here, wrong, strict=True)
     found = [(*quantity, a, b) for quantity, a, b, differs in rows if differs]
@@ -83,7 +83,7 @@ class Matcher:
     """
     Joins the impacts, or the acts of the gap control, of a bag with those of its replay.
 
-    They are joined by their stamps; what is on one side only, and what is altered, is noted. A
+    Messages are joined by their stamps. Messages on one side only, and altered ones, are noted. A
     message that is in the replay only is a difference in a bag that the node recorded itself, but
     not where samples are missing, too. Another recorder may not have received it.
     """
@@ -126,7 +126,7 @@ class Matcher:
         self._expected = _split_at(self._expected, before_ns)[1]
 
     def excuse(self, gap: SampleGap) -> None:
-        """Take note of a gap in which messages are missing."""
+        """Note a gap in which messages are missing."""
         self._gaps.append(gap)
 
     def _count(self, name: str, count: int) -> None:
@@ -134,7 +134,7 @@ class Matcher:
         setattr(self._findings, name, getattr(self._findings, name) + count)
 
     def settle(self, before_ns: float) -> None:
-        """Join what is from before a stamp."""
+        """Join the messages from before a stamp."""
         recorded, self._recorded = _split_at(self._recorded, before_ns)
         expected, self._expected = _split_at(self._expected, before_ns)
         there, here = _contents(recorded), _contents(expected)
@@ -145,7 +145,7 @@ class Matcher:
         self._gaps = [gap for gap in self._gaps if gap.to_stamp_ns >= before_ns]
 
     def end(self, last_ns: int) -> None:
-        """Join all; what the replay has after the last stamp may be missing."""
+        """Join all; messages of the replay after the last stamp may be missing."""
         self.settle(last_ns + 1)
         self.forget(math.inf)
         self.settle(math.inf)
@@ -153,9 +153,9 @@ class Matcher:
     def _join(
         self, recorded: Messages, there: list[bytes], expected: Messages, here: list[bytes]
     ) -> None:
-        """Note what is different in recorded and replayed messages, given also their contents."""
+        """Note the differences of recorded and replayed messages, given also their contents."""
         only_there, only_here = _without_partners(there, here)
-        # Altered are messages of the same instant, and equal messages of another one.
+        # A message is altered if it has a partner of the same instant, or an equal one of another.
         at_once, (only_there, only_here) = _partners(
             recorded['stamp_ns'].tolist(), expected['stamp_ns'].tolist(), only_there, only_here
         )
@@ -171,7 +171,7 @@ class Matcher:
         copies = Counter(there)
         for i in only_there:
             if copies[there[i]] > 1:
-                # As where recordings that overlap are joined
+                # A message may be there twice, as where recordings that overlap are joined.
                 self._wrong[REPEATED, self.topic] += 1
             else:
                 self.differ_wholly(recorded[i], recorded=True)
@@ -198,7 +198,7 @@ class Matcher:
         self._findings.differ(int(stamp_ns), self.topic, *difference)
 
 
-#: How far the stamp of a message may be off, ns, beside what the motion may be.
+#: Tolerance of the stamp of a message, ns, in addition to that of the motion.
 STAMP_NS = 2
 #: Time within which a message may be stamped earlier or later than its partner, ns.
 _NEIGHBOURS_NS = 1000
@@ -213,23 +213,23 @@ class NearMatcher(Matcher):
         self._unsure_ns = math.inf
 
     def expect_near(self, replayed: Messages, allowed: Messages) -> None:
-        """Take messages of the replay, and how far off each number and stamp may be."""
+        """Take messages of the replay, and the tolerance of each number and stamp."""
         if self._unsure_ns == math.inf:
             self._expected = np.concatenate([self._expected, replayed])
             self._allowed = np.concatenate([self._allowed, allowed])
 
     def lose(self, from_ns: int) -> None:
-        """Take note that the acts from a stamp on may be others."""
+        """Note that the acts from a stamp on may differ by round-off."""
         self._unsure_ns = min(self._unsure_ns, from_ns)
 
     def recover(self, stamp_ns: int) -> None:
-        """Take note that the state of the control is known again, at a stamp."""
+        """Note that the state of the control is known again, at a stamp."""
         if self._unsure_ns < math.inf:
             unsure = self._recorded['stamp_ns'] >= self._unsure_ns
             if count := int(unsure.sum()):
                 time = (self._unsure_ns - self._findings.offset_ns) / 1e9
                 text = f'{count} acts of the gap control from {time:.9g} s on are not checked'
-                self._findings.fault(f'{text}: round-off may lead elsewhere there')
+                self._findings.fault(f'{text}: round-off may change them')
             self._recorded, self._unsure_ns = self._recorded[~unsure], math.inf
         self.settle(stamp_ns)
 
@@ -239,18 +239,18 @@ class NearMatcher(Matcher):
         self._expected, self._allowed = self._expected[late], self._allowed[late]
 
     def settle(self, before_ns: float) -> None:
-        """Join what is from before a stamp; partners may be on both sides of it."""
+        """Join the messages from before a stamp; partners may be on both sides of it."""
         before_ns = min(before_ns, self._unsure_ns) - _NEIGHBOURS_NS
         self._join_near(before_ns, before_ns - _NEIGHBOURS_NS)
         self._gaps = [gap for gap in self._gaps if gap.to_stamp_ns >= before_ns - _NEIGHBOURS_NS]
 
     def end(self, last_ns: int) -> None:
-        """Join all; what the replay has from the last stamp on may be missing."""
+        """Join all; messages of the replay from the last stamp on may be missing."""
         self.recover(last_ns)
         self._join_near(math.inf, last_ns)
 
     def _join_near(self, before_ns: float, missing_ns: float) -> None:
-        """Join what is recorded before a stamp; report what is not there of before another one."""
+        """Join messages recorded before a stamp; report those missing before another stamp."""
         recorded, self._recorded = _split_at(self._recorded, before_ns)
         stamps = self._expected['stamp_ns']
         free = np.ones(len(stamps), np.bool_)
@@ -270,7 +270,7 @@ class NearMatcher(Matcher):
             self.differ_wholly(row, recorded=True)
             return
         off = np.abs(expected['numbers'][near] - row['numbers'])
-        # What is not in an order is no number.
+        # An entry that an order leaves out is NaN on both sides.
         off[np.isnan(expected['numbers'][near]) & np.isnan(row['numbers'])] = 0.0
         excess = off - allowed['numbers'][near]
         place = int(np.argmin(np.where(excess <= 0.0, 0.0, np.inf).sum(axis=1)))

@@ -2,10 +2,10 @@
 """
 The replay of a run from its log: the same rig, computed again.
 
-The rig is restored from the first snapshot, and does at the same instants what the snapshots say
-was done. The motion does not depend on how it is divided, so that every number must be as
-recorded, to the last bit. The replayed samples and events are the motion itself, and are handed on
-piece by piece to whoever measures it.
+The rig is restored from the first snapshot, and repeats what the snapshots hold at the same
+instants. The motion does not depend on how it is divided, so that every number must be as
+recorded, to the last bit. The replayed samples and events are handed on piece by piece for
+measures of the motion.
 """
 
 from __future__ import annotations
@@ -56,14 +56,14 @@ from .run import RecordedRun, Rows
 from .run_samples import RunSamples
 from .shadowing import Shadowing, near
 
-#: A longer time without samples, and without so many of them, counts as a wrong stamp. After the
-#: last sample the rig is run on for so many.
+#: Longest gap, and most missing samples in it: a longer one is a wrong stamp. After the last
+#: sample the rig runs on for this number of samples.
 _LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
-#: The same after the snapshot that a recorder gets when it joins.
+#: Longest gap after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
-#: Joint states from which on compiled code is worth its loading time.
+#: Number of joint states from which on compiled code saves more than its loading takes.
 _COMPILED_FROM = 100_000
-#: What a rig raises that a recorded state or law makes impossible.
+#: Errors of a rig with an impossible recorded state or law.
 _FAILURES = (ArithmeticError, LookupError, RunawayError, TypeError, ValueError)
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
 
@@ -80,15 +80,16 @@ class RunPart(NamedTuple):
     samples : ndarray of SAMPLE_TYPE
         The motion at the instants of the joint states.
     events : ndarray of EVENT_TYPE
-        All events, in order; those that a command caused are of the part that it ends.
+        All events, in order; events that a command caused belong to the part that the command
+        ends.
     command : Command or None
         What was done at the end, if anything.
     steps : list of (int, Step)
-        The same as changes and resets that were carried out, each with its rig time, ns.
+        The changes and resets of `command` that were carried out, each with its rig time, ns.
     before : dict
-        State of the rig at the end, before that.
+        State of the rig at the end, before the command.
     orders : list of TimedOrder
-        What a controller outside the rig ordered within the piece.
+        Orders of a controller outside the rig within the part.
     """
 
     samples: Samples
@@ -124,7 +125,7 @@ class Replay:
     rig : Rig
         The rig at the present instant.
     initial : InitialConditions
-        To which a reset would put it.
+        Where a reset would put the rig.
     period : float
         Rig time from one joint state to the next, s.
 
@@ -154,7 +155,7 @@ class Replay:
         self._time_ns = start.time_ns
         self._command: Command | None = None
         self._before: list[tuple[int, Numbers]] = []
-        #: What a controller outside the rig is yet to order.
+        #: Orders of a controller outside the rig that are still to come.
         self._orders: deque[TimedOrder] = deque()
         #: Rig time from one sample to the next, s and ns
         self.period = 1.0 / start.rate
@@ -226,19 +227,19 @@ class Replay:
         else:
             done = self._advanced_through(states, times_ns, orders)
         for time_ns, before in self._before:
-            # A sample of the very instant of a change may be from before it.
+            # A sample at the instant of a change may be from before the change.
             for i in np.flatnonzero(done.differs & (times_ns == time_ns)):
                 done.differs[i] = not self._is_same(states['numbers'][i], before)
         return self._note_rows(done, states, times_ns)._replace(orders=orders)
 
     def _is_same(self, recorded: Numbers, replayed: Numbers) -> bool:
-        """Return whether the numbers of joint states agree as they must."""
+        """Return whether joint states agree, to the last bit or within round-off."""
         if self._shadowing is not None:
             return bool((np.abs(recorded - replayed) <= self._shadowing.state_floors()).all())
         return recorded.tobytes() == replayed.tobytes()
 
     def _orders_until(self, until: float) -> list[TimedOrder]:
-        """Return the orders up to an instant, and forget them."""
+        """Take the orders up to an instant out of the queue."""
         found = []
         while self._orders and self._orders[0].time <= until:
             found.append(self._orders.popleft())
@@ -255,7 +256,7 @@ class Replay:
         return passage.events
 
     def _note_rows(self, done: Advance, states: Messages, times_ns: Ints) -> RunPart:
-        """Note what differs in joint states, and the gaps between them."""
+        """Note the differences of joint states, and the gaps between them."""
         findings, first = self.findings, self.findings.end_ns is None
         findings.samples += len(states)
         topic = self.recorded.topics.joint_states
@@ -267,7 +268,7 @@ class Replay:
         self._before = [entry for entry in self._before if entry[0] == self._time_ns]
         events = done.events
         if first and not self._own:
-            # A recorder that joins late gets the latched snapshot, and nothing from before it.
+            # A recorder that joins late gets the latched snapshot, and no earlier message.
             firsts = [m.first_ns for m in self._matchers if m.first_ns is not None]
             begun_ns = min([findings.offset_ns + int(times_ns[0]), *firsts])
             events = events[events['time'] >= (begun_ns - findings.offset_ns) / 1e9]
@@ -329,7 +330,7 @@ class Replay:
     def _advanced_through(
         self, states: Messages, times_ns: Ints, orders: list[TimedOrder]
     ) -> Advance:
-        """Let the rig run on to joint states, and hold these against it."""
+        """Let the rig run on to joint states, and compare them."""
         instants = times_ns / 1e9
         found = self.passage(self.rig, instants, float(instants[-1]), deque(orders))
         self.note_refusals(found)
@@ -370,7 +371,7 @@ class Replay:
         """Take the first snapshot, from which the rig was restored."""
         self._command = start
         self.findings.snapshots += 1
-        # What a rig has no use for must be as a rig writes it, too.
+        # Entries that this rig does not use must be as a rig writes them, too.
         replayed = without_search(self.rig.snapshot())
         if self._shadowing is None or not near(start.state, replayed):
             for name, there, here in differences(start.state, replayed):
@@ -411,7 +412,7 @@ class Replay:
         elif command.offset_ns != last.offset_ns or command.reason == 'resume':
             findings.pauses += 1
         if command.offset_ns < last.offset_ns:
-            # The stamps go back, and what follows may have those of earlier messages.
+            # The stamps go back: later messages may have the stamps of earlier ones.
             for matcher in self._matchers:
                 matcher.settle(inf)
         if findings.end_ns is None and not self._own:
@@ -420,7 +421,7 @@ class Replay:
         yield RunPart(NO_SAMPLES, everything, command, steps, before, orders)
 
     def _carry_out(self, command: Command) -> tuple[list[tuple[int, Step]], list[Events]]:
-        """Do what was done; return the changes and resets, and the events that they caused."""
+        """Repeat what was done; return the changes and resets, and the events that they caused."""
         findings, rig, described = self.findings, self.rig, []
         steps: list[tuple[int, Step]] = []
         found = []
@@ -459,7 +460,7 @@ class Replay:
         return steps, found
 
     def _judge(self, command: Command, *, lost: bool) -> None:
-        """Hold a snapshot against the rig."""
+        """Compare a snapshot with the rig."""
         findings, topic = self.findings, self.recorded.topics.snapshot
         if command.offset_ns != findings.offset_ns:
             if self._own:
@@ -485,7 +486,7 @@ class Replay:
         if lost and not self._own:
             findings.fault(
                 f'snapshots from before rig time {command.time:.9g} s are missing: what was done '
-                'to the rig is not known, and it goes on from this one'
+                'to the rig is not known, and the replay goes on from this snapshot'
             )
         else:
             self._differ(topic, *wrong[0])
@@ -540,7 +541,7 @@ class Replay:
         text = f'{findings.other_bits}: compared with the replay within round-off, from impact to '
         text += 'impact'
         if findings.undecided:
-            text += f'; round-off may lead elsewhere in {findings.undecided} of these flights'
+            text += f'; round-off may change the events of {findings.undecided} of these flights'
         return text
 
     def _judge_losses(self, end_ns: int, last_ns: int) -> None:

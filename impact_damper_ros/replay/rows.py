@@ -2,8 +2,8 @@
 """
 Rows: messages of a topic, and samples and events of a rig, as structured arrays.
 
-Replayed samples and events become the numbers of messages, recorded numbers become samples and
-events: both have the two types of rows that the rig itself writes. Messages are `message_row`.
+Replayed samples and events become numbers of messages; recorded numbers become samples and events,
+in the two types of rows that the rig writes. Messages are `message_row`.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ NO_EVENTS: Events = np.empty(0, EVENT_TYPE)
 
 
 class Advance(NamedTuple):
-    """What a rig did on its way through some joint states, and which of these differ."""
+    """The motion of a rig through the instants of joint states, and the states that differ."""
 
     samples: Samples
     events: Events
-    expected: Messages  # joint states
-    differs: NDArray[np.bool_]  # which of the recorded ones differ
+    expected: Messages  # joint states by the replay
+    differs: NDArray[np.bool_]  # whether each recorded joint state differs
 
 
 def samples_as_rows(samples: Sequence[Sample]) -> Samples:
@@ -95,7 +95,7 @@ def published_acts(records: Sequence[ControlAct], offset_ns: int) -> Messages:
 
 
 def orders_of(acts: Messages, offset_ns: int) -> list[TimedOrder]:
-    """Return what a controller outside the rig ordered, among some acts."""
+    """Return the orders of a controller outside the rig among some acts."""
     orders = acts[acts['frame'] == Action.ORDER.name.lower()]
     times = (orders['stamp_ns'] - offset_ns) / 1e9
     # Targets, speeds and the force among three positions, three velocities and three efforts

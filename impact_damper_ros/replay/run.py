@@ -3,9 +3,9 @@
 A recorded run: the commands that a rig was given, and the rows of messages between them.
 
 The order is that of the stamps in the messages, which are rig time, and of the numbers of the
-snapshots. When a recorder received a message, and which topic overtook another one on its way,
-does not count. Only where the stamps themselves go back, as after a restart of a rig whose stamps
-begin at 0, the snapshot that is the first with such stamps parts the recording.
+snapshots. The time at which a recorder received a message, and the order in which topics arrived,
+do not count. Only where the stamps go back, as after a restart of a rig whose stamps begin at 0,
+the first snapshot with such stamps divides the recording.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from impact_damper_ros.parameters.quoting import plural
 from .command import Command, Head, parse_snapshot, read_command, read_head
 from .rows import Messages
 
-#: Number of messages of the rig that are read at once, and number of the latest of them that wait
-#: for others: by so many messages one may be late in the recording.
+#: Number of messages of the rig that are read at once, and number of the latest of them that wait:
+#: a message may be late by so many messages in the recording.
 _READ_AT_ONCE, _WAITING = 16_384, 4000
 #: Joints of the topics of rows, and their positions, velocities and efforts that are read.
 _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
@@ -39,7 +39,7 @@ _LAYOUTS: dict[str, tuple[tuple[str, ...], tuple[int, int, int]]] = {
     'impacts': (IMPACT_JOINTS, (2, 2, 2)),
     'gap_control': (CONTROL_JOINTS, (3, 3, 3)),
 }
-#: What may be wrong with a message.
+#: Faults of messages.
 REPEATED, LATE, UNREADABLE = (
     'that are there twice',
     f'recorded more than {_WAITING:,} messages late, left out',
@@ -48,7 +48,7 @@ REPEATED, LATE, UNREADABLE = (
 
 
 class Rows(NamedTuple):
-    """Messages between which nothing is done to the rig, each kind in the order of its stamps."""
+    """Messages between two commands, each kind in the order of its stamps."""
 
     states: Messages
     impacts: Messages
@@ -63,9 +63,9 @@ class _Snapshot(NamedTuple):
 
     record: RecordedMessage
     head: Head
-    place: int  # among the snapshots in the order of the recording
+    place: int  # number among the snapshots, in the order of the recording
     run: int  # number of its run, from 1 on
-    part: int  # of the recording, within which stamps do not go back
+    part: int  # part of the recording within which stamps do not go back
 
 
 class RecordedRun:
@@ -83,7 +83,7 @@ class RecordedRun:
     purpose : str, optional
         Purpose of the reading, as a verb for messages.
     law : OwnLaw, optional
-        The law that moves the stops, for a rig with one of the user's own.
+        The law of the user's own that moves the stops, for a rig that has one.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class RecordedRun:
     start : Command
         The first snapshot of the run.
     wrong : Counter of (str, str)
-        Number of messages by what is wrong with them and by topic, met so far.
+        Number of messages by fault and topic, so far.
     early : int
         Joint states, impacts and acts from before the first snapshot, left out of the walk.
     damage : RecordingError or None
@@ -147,12 +147,12 @@ class RecordedRun:
             raise RecordingError(purpose, path, cause, remedy)
 
     def _find_runs(self) -> None:
-        """Read the heads of all snapshots, and to which run they belong."""
+        """Read the heads of all snapshots, and assign each to its run."""
         found: list[_Snapshot] = []
         names: dict[str, int] = {}
         contents: set[bytes] = set()
         begun_ns = -inf
-        # The walk meets what is damaged.
+        # `walk` reports the damage.
         with suppress(RecordingError):
             for place, record in enumerate(self.reader.records([(self.topics.snapshot, STRING)])):
                 try:
@@ -161,7 +161,7 @@ class RecordedRun:
                     self._unread = place, error
                     break
                 if record.content in contents:
-                    # A recorder of several files may repeat what is latched.
+                    # A recorder of several files may repeat latched messages.
                     self.wrong[REPEATED, self.topics.snapshot] += self.reader.own
                     continue
                 contents.add(record.content)
@@ -184,7 +184,7 @@ class RecordedRun:
         return read_command(snapshot.record, self.reader.path, self._purpose, self._law)
 
     def remarks(self) -> list[str]:
-        """Return what else a user should know of the recording."""
+        """Return remarks for the user on the recording."""
         found = self.reader.remarks()
         if self.run_count > 1:
             found.append(
@@ -220,13 +220,13 @@ class RecordedRun:
         """
         Yield the run in order, from its first snapshot on.
 
-        Of a damaged bag, everything before the damage; `damage` is set then.
+        The walk of a damaged bag ends before the damage; `damage` is set then.
 
         Yields
         ------
         Rows
             Consecutive joint states, impacts and acts of the gap control: nothing was done to the
-            rig between them. Those at the very instant of a command follow it.
+            rig between them. Messages at the instant of a command follow the command.
         Command
             What was done to the rig, and its state.
         """
@@ -250,7 +250,7 @@ class RecordedRun:
             self.damage = error
 
     def _of_run(self, run: int, rows: Rows) -> Iterator[Rows]:
-        """Yield rows of a run if they are wanted, and count those from before all of them."""
+        """Yield rows of a run if that is the wanted one, and count those from before all runs."""
         count = sum(map(len, rows))
         if count and run == self.number:
             yield rows
@@ -258,7 +258,7 @@ class RecordedRun:
             self.early += count
 
     def _batches(self) -> Iterator[tuple[list[RecordedMessage], int, bool]]:
-        """Yield messages, how many snapshots were met, and whether their part has ended."""
+        """Yield messages, the number of snapshots so far, and whether the part ends."""
         names = self.topics
         rows = {names.joint_states, names.impacts, names.gap_control} - {''}
         wanted = {(names.snapshot, STRING), *((topic, JOINT_STATE) for topic in rows)}
@@ -306,7 +306,7 @@ class _Tables:
             key: np.empty(0, message_row(sum(counts))) for key, (_, counts) in _LAYOUTS.items()
         }
         self._taken_ns = -inf
-        #: Stamp from which on messages may still come
+        #: Earliest stamp of messages that may still come
         self.settled_ns: float = -inf
 
     def add(self, messages: list[RecordedMessage]) -> None:
@@ -341,7 +341,7 @@ class _Tables:
         return Rows(*found)
 
     def _different(self, states: Messages) -> Messages:
-        """Return joint states without those that are there twice."""
+        """Return joint states without repeated ones."""
         same = np.flatnonzero(np.diff(states['stamp_ns']) == 0) + 1
         again = [i for i in same.tolist() if states[i].tobytes() == states[i - 1].tobytes()]
         if not again:
@@ -355,7 +355,7 @@ class _Tables:
 
 @dataclass(frozen=True)
 class RigTopics:
-    """The topics of one rig by their full names; empty for those that are not in the bag."""
+    """The topics of one rig by their full names; empty for topics that are not in the bag."""
 
     node: str
     snapshot: str

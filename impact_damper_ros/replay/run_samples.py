@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rig on its way through instants, with the orders of a controller outside it."""
+"""A run of a rig that is sampled at instants, with the orders of a controller outside it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from .rows import NO_EVENTS, NO_SAMPLES, Events, Numbers, Samples, samples_as_ro
 
 class RunSamples(Observer):
     """
-    Samples of a rig at instants, s, its events and the acts of its control, as far as it came.
+    Samples of a rig at instants, s, with its events and acts of control so far.
 
-    The instants are ascending; at those that the rig has passed already it is sampled at once.
+    The instants are ascending; at an instant that the rig has passed already it is sampled at
+    once.
     """
 
     def __init__(self, rig: Rig, instants: Numbers | Sequence[float] = ()) -> None:
@@ -34,7 +35,7 @@ class RunSamples(Observer):
         self._at_instants: list[Sample] = []
         self._events: list[Events] = []
         self.acts: list[ControlAct] = []
-        #: Orders that the rig could not carry out: when, s, and why
+        #: Orders that the rig could not carry out: the instant, s, and the error
         self.refusals: list[tuple[float, ParameterError]] = []
 
     @property
@@ -58,12 +59,12 @@ class RunSamples(Observer):
         """
         Run on to an instant, s, with the orders up to it, which are taken out of the queue.
 
-        Without orders, observers and a limit of its own this is one call of the rig.
+        Without orders, observers and a limit of events this is one call of the rig.
 
         Raises
         ------
         RunawayError
-            If the rig has more events than it may have.
+            If the rig has more events than allowed.
         """
         until, due = max(until, self._rig.time), []
         while orders and orders[0].time <= until:
@@ -95,7 +96,7 @@ class RunSamples(Observer):
         self.acts += self._rig.acts
 
     def take_refusal(self, order: TimedOrder, error: ParameterError) -> None:
-        """Keep why an order was not carried out."""
+        """Keep an order that was not carried out, with the error."""
         self.refusals.append((order.time, error))
 
     def look_at(self, instant: float) -> None:

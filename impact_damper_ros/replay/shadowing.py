@@ -6,7 +6,7 @@ Differences of round-off grow from impact to impact, in chaotic motions without 
 therefore shadows the recorded motion: at each recorded impact it takes the numbers after it, and
 is compared with the recording up to the next impact only. The effect of round-off is
 measured with a second rig, which starts `_NUDGE` (relative) and `_STAMP_S` away. A recorded number
-may be several times as far from the replay as that rig is. Where the two rigs have different
+may be several times as far from the replay as the second rig is. Where the two rigs have different
 events, as at a grazing impact or at the end of a chatter, the flight is counted as undecided.
 """
 
@@ -69,12 +69,12 @@ class Replayed(Protocol):
         """Note the orders that a rig could not carry out."""
 
 
-#: Relative change of the second rig, and how many times as far off the recording may be.
+#: Relative shift of the second rig, and tolerance of the recording in multiples of its distance.
 _NUDGE, _TIMES = 1e-12, 10.0
 #: Stamps are whole nanoseconds; the second rig is late by as much.
 _STAMP_S = 1e-9
-#: What else a number may be off, as a share of the largest of its kind (and by what the motion
-#: does in 2 ns).
+#: Least tolerance of a number, as a share of the largest of its kind; the motion in 2 ns adds to
+#: it.
 _FLOOR = 1e-9
 #: Time after a recorded impact within which the replay must have it, s.
 _LATE_S = 1e-6
@@ -84,7 +84,7 @@ _MOVING = (0, 1, 2)  # modes in which m moves freely
 
 
 def _nudge(rig: Rig, later: float = 0.0) -> Rig:
-    """Return a rig whose motion differs by little from that of another one, and is later, s."""
+    """Return a rig with a motion slightly different from that of another one, and later, s."""
     state = rig.snapshot()
     origin = state['origin']
     for name in ('x', 'velocity', 'relative_velocity'):
@@ -103,7 +103,7 @@ def _shift(state: dict[str, Any], rig: Rig, later: float) -> dict[str, Any]:
 
 
 def near(recorded: Any, replayed: Any, size: float = 0.0) -> bool:
-    """Return whether two snapshots are as near as round-off explains, of whatever arithmetic."""
+    """Return whether two snapshots are equal within round-off, whatever their arithmetic."""
     if isinstance(replayed, dict) and isinstance(recorded, dict):
         numbers = [abs(v) for v in replayed.values() if isinstance(v, float)]
         size = max(numbers, default=0.0)
@@ -118,7 +118,7 @@ def near(recorded: Any, replayed: Any, size: float = 0.0) -> bool:
 
 
 class Shadowing:
-    """Holds the rows of a replay's run against it, from impact to impact."""
+    """Compares the rows of a run with its replay, from impact to impact."""
 
     def __init__(self, replay: Replayed, matcher: Matcher, acts: NearMatcher) -> None:
         self._replay, self._matcher, self._acts = replay, matcher, acts
@@ -130,7 +130,7 @@ class Shadowing:
         self._sizes = np.zeros(2)  # largest position and velocity so far
 
     def restart(self, stamp_ns: int) -> None:
-        """Take the present state of the replay, at a stamp, for that of the second rig."""
+        """Start the second rig at the present state of the replay, at a stamp."""
         self._near = _nudge(self._replay.rig)
         self._acts.recover(stamp_ns)
 
@@ -139,7 +139,7 @@ class Shadowing:
         self._waiting = np.concatenate([self._waiting, impacts])
 
     def take_consequences(self, events: Events, records: list[ControlAct]) -> None:
-        """Take what a change of the replay's rig has brought at once."""
+        """Take the events and acts that a change of the rig causes at once."""
         rig, offset_ns = self._replay.rig, self._replay.findings.offset_ns
         impacts = published_impacts(events, rig.parameters, offset_ns)
         self._caused = np.concatenate([self._caused, impacts])
@@ -154,7 +154,7 @@ class Shadowing:
         self._grow(states['numbers'][:, :4], states['numbers'][:, 7:11])
         waiting = self._waiting
         times = (waiting['stamp_ns'] - offset_ns) / 1e9
-        # What is stamped at the very end of a piece may be caused by the command that follows.
+        # A message with the last stamp of a part may be caused by the command that follows.
         end = until if len(states) else until - STAMP_NS * 1e-9
         due = int(np.searchsorted(times, end, side='right'))
         self._waiting = waiting[due:]
@@ -175,7 +175,7 @@ class Shadowing:
         found.append(self._flights(states[begin:], instants[begin:], until))
         samples, events, numbers, differs = (np.concatenate(c) for c in zip(*found, strict=True))
         replay.findings.impacts += due
-        # Texts are compared with the replay as they are.
+        # Texts are compared with the replay exactly.
         differs |= differing_states(states, expected_states(states, states['numbers']))
         return Advance(samples, events, expected_states(states, numbers), differs)
 
@@ -193,7 +193,7 @@ class Shadowing:
         return True
 
     def _impact_floors(self) -> Numbers:
-        """Return what each number of an impact may be off in any case."""
+        """Return the least tolerance of each number of an impact."""
         length, speed = self._floors()
         floors = [length, speed, self._replay.rig.parameters.damper_mass * speed]
         return np.repeat(floors, 2)
@@ -213,7 +213,7 @@ class Shadowing:
         *,
         alike: bool,
     ) -> None:
-        """Expect acts as the replay and the second rig have them since an instant, s."""
+        """Expect the acts of the replay and of the second rig since an instant, s."""
         offset_ns = self._replay.findings.offset_ns
         here, there = (published_acts(acts, offset_ns) for acts in (records, others))
         if not alike or here['frame'].tolist() != there['frame'].tolist():
@@ -237,7 +237,7 @@ class Shadowing:
                 self._sizes[i] = max(self._sizes[i], size)
 
     def _floors(self) -> tuple[float, float]:
-        """Return what a position and a velocity may be off in any case."""
+        """Return the least tolerance of a position and of a velocity."""
         rig, (length, speed) = self._replay.rig.parameters, self._sizes
         force = rig.stiffness * length + rig.damping * speed + sum(map(abs, rig.harmonics[0]))
         acceleration = force / rig.primary_mass + rig.gravity
@@ -247,7 +247,7 @@ class Shadowing:
         )
 
     def state_floors(self) -> Numbers:
-        """Return what each number of joint states may be off in any case."""
+        """Return the least tolerance of each number of joint states."""
         length, speed = self._floors()
         sizes = [length, _FLOOR, length, speed, _FLOOR, speed]
         return np.repeat(sizes, [4, 1, 2, 4, 1, 2])

@@ -3,9 +3,8 @@
 What-if: another rig in place of the recorded one.
 
 The other rig starts as the recorded one did, with the same force and the same changes and resets,
-but some parameters are held at other values all the time. What a controller outside the rig
-ordered is ordered again, at the same instants. Its run can be recorded, too, and is then a
-recording as any other.
+but some parameters have other values all the time. The orders of a controller outside the rig are
+repeated at the same instants. The run of the other rig can be recorded, too.
 """
 
 from __future__ import annotations
@@ -59,12 +58,12 @@ class WhatIf:
         The rig.
     from_initial : bool
         Whether it started from the initial conditions. Otherwise it took over the recorded state,
-        and the held values came as a change at that instant: a gap that is too narrow closes on m
+        and the other values came as a change at that instant: a gap that is too narrow closes on m
         as it does on a live rig.
-    reached : Part
-        What `follow` returned last; what there was of it, if it failed.
+    reached : RunPart
+        The last result of `follow`; if that failed, the part up to there.
     refusals : list of (float, ParameterError)
-        Orders of the recorded controller that this rig could not carry out: when, s, and why.
+        Orders of the recorded controller that this rig could not carry out: instant, s, and error.
 
     Raises
     ------
@@ -119,16 +118,16 @@ class WhatIf:
 
         Returns
         -------
-        Part
-            The motion at the instants of the recorded samples, the events on the way, those of
-            the command at the end, and the state of this rig then.
+        RunPart
+            The motion at the instants of the recorded samples, the events on the way and at the
+            command, and the state of this rig at the end.
 
         Raises
         ------
         ParameterError
             If a change or reset of the recorded rig is not admissible here.
         RunawayError
-            If the rig has more events than it may.
+            If the rig has more events than allowed.
         RecordingError
             If the recording fails.
         """
@@ -163,7 +162,7 @@ class WhatIf:
             recorder.close()
 
     def _change(self, time_ns: int, setting: Setting) -> list[Events]:
-        """Change the rig, and record that."""
+        """Change the rig, and record the change."""
         before, after = Setting.at(self.rig), setting.as_dict()
         if before == setting:
             return []
@@ -181,7 +180,7 @@ class WhatIf:
         Raises
         ------
         ParameterError
-            If it is not admissible.
+            If the step is not admissible.
         """
         if isinstance(step, Setting):
             self._logged = step
@@ -202,7 +201,7 @@ class WhatIf:
 
 
 class _UpTo(Observer):
-    """Lets a recorder follow a rig to an instant, s, the tick at which may be of what follows."""
+    """Lets a recorder observe a rig up to an instant, s, at which a command may come."""
 
     def __init__(self, until: float, recorder: RigRecorder) -> None:
         self._until, self._recorder = until, recorder
@@ -216,7 +215,7 @@ class _UpTo(Observer):
         self._recorder.take_events(events)
 
     def look_at(self, instant: float) -> None:
-        """Record a tick: what is done at its instant is done before its joint states."""
+        """Record a tick, whose joint states come after a command at its instant."""
         if instant < self._until:
             self._recorder.look_at(instant)
 
