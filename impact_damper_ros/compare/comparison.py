@@ -46,9 +46,9 @@ def _on_interruptions(findings: Findings) -> Iterator[str]:
 def _with_log(
     stretches: Sequence[StretchComparison], findings: Findings
 ) -> Iterator[StretchComparison]:
-    """Yield the stretches, each with what its log has that the replay has not."""
+    """Yield the stretches, each with the differences between its log and the replay."""
     ends = [stretch.end for stretch in stretches[:-1]]
-    # What is at the very end of a stretch is of the next one, as a change is.
+    # A difference at the end of a stretch belongs to the next one, as a change does.
     places = [bisect_right(ends, difference.time) for difference in findings.differences]
     for place, stretch in enumerate(stretches):
         pairs = zip(places, findings.differences, strict=True)
@@ -103,7 +103,7 @@ def compare_run(
     reader = recorded.reader
     start = recorded.start.time
     compared: list[StretchComparison] = []
-    # A wrong number may be as large as numbers are.
+    # A wrong number may be as large as any float.
     with np.errstate(over='ignore', invalid='ignore'):
         replay = Replay(recorded)
         stretches = Stretches(replay.start.state, replay.period)

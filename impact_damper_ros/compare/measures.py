@@ -21,7 +21,7 @@ from .result import (
 )
 from .stretches import RecordedStretch
 
-#: Round-off of a balance.
+#: Relative round-off of a balance.
 _BALANCE_ERROR = 1e-9
 _MOST_ROWS, _PER_CYCLE = 12_000, 200
 _MOST_LINES = 4096
@@ -39,8 +39,8 @@ def measured_motion(
     """
     Measure a part of a stretch, as far as it was kept.
 
-    The last period of a periodic motion and its impacts per cycle are passed on; by default the
-    impacts are counted.
+    The last period of a periodic motion and its impacts per cycle are given; otherwise the impacts
+    are counted.
     """
     flights, rig = stretch.flights.cut(start, end), stretch.parameters
     times, hits = flights.rows['time'], flights.impacts
@@ -97,9 +97,9 @@ def energy_balance(
 
 
 def motion_curve(stretch: RecordedStretch, start: float, cycle: float) -> MotionCurve | None:
-    """Return the motion from an instant on, or as much of its end as may be shown."""
+    """Return the motion from an instant on; of a motion with too many events, its end."""
     flights, samples = stretch.flights.cut(start, stretch.end), stretch.samples
-    # Of a motion with very many events, the last ones
+    # The last events, if there are very many
     flights = flights[max(0, len(flights) - _MOST_ROWS // 4) :]
     if not len(flights):
         return None
@@ -127,7 +127,7 @@ def spectrum(samples: Samples, force_frequency: float) -> Spectrum | None:
         return None
     step = float(np.median(steps))
     if step <= 0.0:
-        # Each sample is there twice
+        # Each sample stands there twice.
         return None
     uneven = np.flatnonzero(np.abs(steps - step) > 1e-3 * step)
     begin = int(uneven[-1]) + 1 if len(uneven) else 0

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The kind of motion of a stretch: periodic, on its way there, quasi-periodic or chaotic.
+The kind of motion of a stretch: periodic, settling to a period, quasi-periodic or chaotic.
 
 A motion whose impacts repeat to the last digits is periodic. Otherwise the rig is run on from the
 end of the stretch until its motion repeats or a bound is reached (`orbits.settle`).
@@ -31,17 +31,17 @@ from impact_damper_ros.rig.rig import Rig
 from .result import Array
 from .stretches import RecordedStretch
 
-#: A motion nearer to its limit than this, relative to its size, is called settled.
+#: A motion is settled if it is nearer to its limit than this, relative to its size.
 SETTLED = NEAR
-#: Impacts weaker than this share of the strongest are those of a chatter, and not counted.
+#: Impacts weaker than this share of the strongest belong to a chatter, and are not counted.
 NEGLIGIBLE_IMPULSE = 1e-3
 #: Round-off of states, relative.
 _STATE_ERROR = 1e-12
-#: Periods that differ by less are periodic whatever the rig does later.
+#: A motion whose periods differ by less is periodic, whatever the rig does later.
 _SURE = 1e-6
-#: Cycles with impacts from which on the rig is run on, and those that are enough for most motions.
+#: Least number of cycles with impacts for a run from the end, and number that most motions need.
 _RUN_ON_FROM, _FEW_CYCLES = 8, 30
-#: Cycles that it is run on for each recorded one, the least and the most of them, and the events.
+#: Cycles of that run per recorded one, their least and largest number, and the most events.
 _TIMES_RECORDED, _LEAST, _MOST = 30, 400, 2000
 _MOST_EVENTS = 20_000
 #: Cycles without an impact after which the impacts have ended, and the longest period looked for.
@@ -53,13 +53,13 @@ class StretchKind:
     """A kind of motion, and the evidence for it."""
 
     kind: MotionKind
-    evidence: str  # the numbers that show it, as a sentence
+    evidence: str  # the numbers that show the kind, as a sentence
     measures: Mapping[str, float] = field(default_factory=dict)  # the same numbers by name
     recurrence: Period | None = None  # how the recorded impacts repeat
-    impacts: Events = field(default_factory=lambda: NO_EVENTS)  # those, without weak ones
-    #: The motion to which the rig comes, if that of the recording is another one.
+    impacts: Events = field(default_factory=lambda: NO_EVENTS)  # recorded ones, without weak
+    #: The motion to which the rig comes, if the recorded motion is another one.
     later: SettledMotion | None = None
-    short: bool = False  # whether a longer recording may decide
+    short: bool = False  # whether a longer recording may show the kind
 
 
 def counted_impacts(impacts: Events) -> Events:
@@ -77,16 +77,16 @@ def section_of(impacts: Events, zero: float, cycle: float) -> Section:
 
 
 def period_of(stretch: RecordedStretch, impacts: Events, cycle: float) -> Period | None:
-    """Find the period of impacts, as far as their digits show it."""
+    """Find the period of impacts, to their digits."""
     zero = 0.0 if stretch.drive is None else stretch.drive.zero
-    # What the digits of two instants make of their difference
+    # Error of the difference of two instants with these digits
     floor = 2.0 * math.ulp(abs(stretch.end)) / cycle + _STATE_ERROR
     return find_period(section_of(impacts, zero, cycle), 0.0, floor)
 
 
 def rig_at_end(stretch: RecordedStretch) -> Rig:
     """Return the rig at the end of a stretch."""
-    # A law of the user's own, which is not in the state, does nothing where no control acts.
+    # The state does not hold a law of the user's own, which has no effect where no control acts.
     control = {n: v for n, v in stretch.at_end['gap_control'].items() if n != 'law'}
     return Rig.restore({**stretch.at_end, 'gap_control': control})
 
@@ -107,7 +107,7 @@ def run_on(stretch: RecordedStretch, cycle: float, quiet: float = _QUIET) -> Set
 
 
 def settled_after(found: SettledMotion) -> int:
-    """Return after how many cycles a motion that settles is within `SETTLED` of its limit."""
+    """Return the cycles after which a motion that settles is within `SETTLED` of its limit."""
     assert found.period is not None
     far = np.flatnonzero(found.period.distance > SETTLED)
     alike = len(found.period.distance) - (int(far[-1]) + 1 if len(far) else 0)
@@ -161,7 +161,7 @@ def _leads_to(later: SettledMotion) -> StretchKind | None:
 
 
 def _doubt(found: Indications | None, later: SettledMotion | None, spent: float) -> str:
-    """Return why a motion is undecided, and what would decide."""
+    """Return why the kind of a motion is undecided, and the remedy."""
     if found is None and later is not None:
         why = later.reason or 'and has too many events to be run for longer'
         return f'run on from its end, it does not settle within {later.cycles} cycles, {why}'
@@ -182,7 +182,7 @@ def _doubt(found: Indications | None, later: SettledMotion | None, spent: float)
 
 
 def _irregular(later: SettledMotion | None, spent: float) -> StretchKind:
-    """Return the kind of a motion that does not come to repeat."""
+    """Return the kind of a motion that does not settle to a period."""
     found = None if later is None else later.indications
     text, measures = f'does not repeat within {LONGEST_PERIOD} cycles', {}
     kind = MotionKind.UNDECIDED

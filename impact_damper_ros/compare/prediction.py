@@ -41,10 +41,11 @@ from .result import (
 # The predicted motion
 
 
-#: Nearer than this, the motion that Newton's method leads to is taken without a further search.
+#: A solution of Newton's method that is nearer than this is taken without a search.
 _NEAR = 0.05
 _MOST_SEARCHED_IMPACTS = 4
-#: Impacts from which it is sought, the strongest first, which round-off least decides.
+#: Number of impacts at which Newton's method begins, the strongest first: round-off matters least
+#: there.
 _STARTS = 3
 
 
@@ -80,7 +81,7 @@ def _state_row(orbit: PeriodicOrbit, table: Section) -> Array:
 def _solutions(
     rig: RigParameters, drive: Drive, period: Events, cycles: int
 ) -> Iterator[tuple[PeriodicOrbit | None, str]]:
-    """Yield motions near a measured period, and what found them."""
+    """Yield motions near a measured period, and the method that found each."""
     strongest = np.argsort(-period['impulse'], kind='stable')[:_STARTS]
     for impact in events_of_table(period[strongest]):
         phase = (impact.time - drive.zero) / drive.cycle
@@ -98,8 +99,8 @@ def _match_orbit(
     """
     Solve the periodic problem of a rig, counted from the zero of its force, from a period.
 
-    The motion begins at the same impact as the measured one; beside it is what found it, or why
-    there is none.
+    The motion begins at the same impact as the measured one. With it comes the method that found
+    it, or the reason why there is none.
     """
     best: tuple[tuple[bool, float], PeriodicOrbit] | None = None
     how = ''
@@ -151,8 +152,7 @@ _LEAST_PERIODS = 8
 _PERIODS_PER_RANK = 4
 _MOST_RANK = 4
 _NEGLIGIBLE = 1e-3
-#: Relative difference up to which a factor is the predicted one, and those of two halves are the
-#: same.
+#: Relative difference up to which a factor equals the predicted one, or that of another half.
 SAME_DECAY, _SAME_HALVES = 0.05, 0.1
 
 
@@ -160,9 +160,9 @@ def decay_rate(states: Array, floor: float) -> tuple[float, int, int]:
     """
     Measure the decay of the differences of successive periods, one per row.
 
-    Returned are the factor in a period, the largest modulus of the eigenvalues, which is NaN if it
-    could not be measured, the first of the periods on which it was, and their number. As long as
-    both halves of the periods give different factors, the later half is taken.
+    The results are the factor in a period, which is the largest modulus of the eigenvalues and NaN
+    if it could not be measured, the first of the periods used, and their number. As long as both
+    halves of the periods give different factors, the later half is taken.
     """
     steps = np.diff(states, axis=0)
     sizes = np.abs(steps).max(axis=1)
@@ -196,10 +196,11 @@ def _factor(steps: Array, sizes: Array) -> float:
     return float(np.abs(np.linalg.eigvals(map_)).max())
 
 
-#: Periods shown at most, and after the distance has reached the resolution of the stamps.
+#: Most periods that are shown, and periods shown after the distance has reached the resolution of
+#: the stamps.
 _MOST_SHOWN_PERIODS, _PERIODS_BEYOND = 4000, 60
 _HIDDEN = 3.0
-#: How much farther than its own bound the run may be from the motion it approaches.
+#: Factor by which the distance from the motion may exceed its bound.
 _MARGIN = 3.0
 _FLOORS = 5.0
 _SOLVED = 1e-9
@@ -207,20 +208,20 @@ _SOLVED = 1e-9
 
 @dataclass(frozen=True)
 class PeriodicMotion:
-    """A measured motion that repeats, beside the predicted one."""
+    """A measured motion that repeats, and the predicted one."""
 
     period: ImpactStates  # its last period
-    time: float  # instant of the first impact of that, rig time, s
-    #: The predicted motion nearest to it, without the weak impacts of a chatter; None if there is
-    #: none. The largest difference of any instant (cycles) or scaled state of their impacts. What
-    #: found it, or why there is none.
+    time: float  # instant of the first impact of that period, rig time, s
+    #: The predicted motion nearest to the measured one, without the weak impacts of a chatter, or
+    #: None; the largest difference of an instant (cycles) or of a scaled state of their impacts;
+    #: the method that found the motion, or why there is none.
     orbit: PeriodicOrbit | None
     distance: float
     solver: str
     decay: Decay
-    first: int  # of the periods on which the decay was measured
+    first: int  # first of the periods on which the decay was measured
     times: Array  # beginning of each period, s
-    #: Distance of each period from the predicted one; from the last, if there is no prediction.
+    #: Distance of each period from the predicted one, or without a prediction from the last one.
     distances: Array
     #: Largest distance that the remaining transient and the resolution of the stamps explain.
     allowed: float
@@ -239,7 +240,7 @@ def last_period(stops: Array, count: int) -> int:
     """
     Return the index at which the last whole period, of `count` impacts, begins.
 
-    On stop 1 after stop 2, if there is such an impact in the last two periods.
+    It begins with an impact on stop 1 after one on stop 2, if the last two periods have one.
     """
     total = len(stops)
     for i in range(total - count, max(total - 2 * count, 0), -1):
@@ -251,7 +252,7 @@ def last_period(stops: Array, count: int) -> int:
 def periodic_motion(
     drive: Drive, impacts: Events, recurrence: Period, rig: RigParameters | None = None
 ) -> PeriodicMotion:
-    """Measure a motion that repeats, and find the predicted one nearest to it, given the rig."""
+    """Measure a motion that repeats, and find the nearest predicted motion of the rig."""
     n = recurrence.rows
     table = section_of(impacts, drive.zero, drive.cycle)
     end = last_period(table.stop, n) + n

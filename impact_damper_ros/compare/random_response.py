@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Transmissibility of a rig on a base that moves by many lines, by the method of Welch.
+Transmissibility of a rig on a base with many lines of motion, by the method of Welch.
 
-The lines of a random base are multiples of one frequency. A stretch of one period of it then has
-each line at a frequency of its own spectrum, and no other one leaks into that. The spectra of X,
-X - b and b are averaged over stretches of one period (Welch 1967, *IEEE Trans. Audio
-Electroacoust.* 15(2), 70-73; without overlap and window), and their ratio at each line is the
-square of the transmissibility there.
+The lines of a random base are multiples of one frequency. The spectrum over one period of that
+frequency has a value at each line, into which no other line leaks. The spectra of X, X - b and b
+are averaged over stretches of one period (Welch 1967, *IEEE Trans. Audio Electroacoust.* 15(2),
+70-73; without overlap and window), and their ratio at each line is the square of the
+transmissibility there.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _SAMPLES = 8
 #: Part of a multiple of the lowest frequency by which a line may miss it.
 _OFF = 1e-6
-#: Most lines of which the multiples are looked at.
+#: Most lines that are compared with multiples of a frequency.
 _MOST_MULTIPLE = 1_000_000
 #: Part of a free vibration that may be left where the averages begin.
 _LEFT = 1e-3
@@ -41,23 +41,23 @@ class RandomResponse(NamedTuple):
     Attributes
     ----------
     frequencies : ndarray, shape (n,)
-        Of the lines, Hz.
+        Frequencies of the lines, Hz.
     base, primary : ndarray, shape (n,)
         Spectral densities of b'' and of X'' there, (m/s^2)^2/Hz.
     absolute, relative : ndarray, shape (n,)
         Transmissibilities |X|/|b| and |X - b|/|b|.
     absolute_without, relative_without : ndarray, shape (n,)
-        Those of M alone, without the damper.
+        Transmissibilities of M alone, without the damper.
     total : tuple of float
         rms X over rms b, and rms (X - b) over rms b.
     period : float
-        After which the base repeats, s.
+        Period after which the base repeats, s.
     periods : int
-        Number of them in the averages.
+        Number of periods in the averages.
     left_out : int
-        Number of them before these, in which the rig settles.
+        Number of periods before these, in which the rig settles.
     left : float
-        Part of a free vibration, without impacts, that is left of the start then.
+        Part of a free vibration, without impacts, that is left after these.
     """
 
     frequencies: Array
@@ -98,7 +98,7 @@ def common_period(frequencies: Sequence[float]) -> float:
     width = float(np.diff(rates).min())
     if not rates[-1] < _MOST_MULTIPLE * width:
         return math.nan
-    # From the highest line, which fixes it best
+    # The period by the highest line, which determines it best
     width = float(rates[-1]) / round(float(rates[-1]) / width)
     turns = rates / width
     if np.abs(turns - np.round(turns)).max() > _OFF * len(rates):
@@ -141,7 +141,7 @@ class ResponseSamples(Observer):
                 f'the base repeats after {self.period:.6g} s: give a --duration of at least '
                 f'{self.period:.6g} s, better {10.0 * self.period:.6g} s'
             )
-        # Of the lightest damping: m held in the gap
+        # The slowest decay is that with m held in the gap.
         mass = rig.parameters.primary_mass + rig.parameters.damper_mass
         self._decay = 0.5 * rig.parameters.damping / mass * self.period
         wanted = math.log(1.0 / _LEFT) / self._decay if self._decay else math.inf

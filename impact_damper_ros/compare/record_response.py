@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a rig over time, as under measured records."""
+"""Motion of a rig over time, for runs under measured records."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LOOKS = 64
 
 class RecordResponse(NamedTuple):
     """
-    Motion of both masses, as under measured records.
+    Motion of both masses over time.
 
     Attributes
     ----------

@@ -67,18 +67,18 @@ class SteadyPart:
     x_max_ratio: float
     #: Number of impacts.
     impacts: int
-    #: The same per cycle of the force; NaN without a force.
+    #: Number of impacts per cycle of the force; NaN without a force.
     impacts_per_cycle: float
-    #: Of the impacts, N s; 0 without any.
+    #: Largest and mean impulse of the impacts, N s; 0 without any.
     mean_impulse: float
     largest_impulse: float
     #: The last whole period of a periodic or settling motion.
     last_period: ImpactStates | None = None
-    #: Of a rig whose base moves; NaN of one at rest.
+    #: Transmissibilities of a rig whose base moves; NaN for a base at rest.
     transmissibility: Transmissibility = field(default_factory=Transmissibility)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all by name, with each transmissibility under a name of its own."""
+        """Return all fields by name, each transmissibility as one entry."""
         values = dict(vars(self))
         shaken: Transmissibility = values.pop('transmissibility')
         return values | shaken.by_name()
@@ -100,14 +100,14 @@ class Overall:
     impacts_on_stop_2: int
     #: Kinetic energy that M lost in the impacts, J. Contact with a resting m is no impact.
     impact_energy: float
-    #: Kinetic energy that M and m together lost in them, J; the remainder of `impact_energy`
-    #: was given to m.
+    #: Kinetic energy that M and m together lost in the impacts, J; m received the remainder of
+    #: `impact_energy`.
     impact_loss: float
-    #: Energy that the dashpot took, between M and the base, J.
+    #: Energy that the dashpot between M and the base dissipated, J.
     dashpot_energy: float
     #: Work of the force on M, and of a moving base, J.
     force_work: float
-    #: The part of it that is the work of a controller's active force, J.
+    #: The part of `force_work` that the active force of a controller did, J.
     active_work: float
     #: Energy that the actuators of the stops spent, J.
     actuator_energy: float
@@ -117,8 +117,8 @@ class Overall:
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Return the same over several stretches: sums, the largest |X|, the common rms."""
-        # What is not known of one stretch takes no part.
+        """Return the values over several stretches: sums, the largest |X|, the common rms."""
+        # Unknown values of a stretch are left out.
         known = [part for part in parts if not math.isnan(part.x_rms)]
         duration = sum(part.duration for part in known)
         squares = sum(part.x_rms**2 * part.duration for part in known)
@@ -142,7 +142,7 @@ class EnergyBalance:
     #: Rig time, s.
     start: float
     end: float
-    #: Whole periods between them; cycles of the force if the motion is not periodic.
+    #: Whole periods between these times; cycles of the force if the motion is not periodic.
     periods: int
     #: Work of the force on M and of a moving base, and of the compressed air on both masses.
     force: float
@@ -167,7 +167,7 @@ class Decay:
     measured: float
     #: Largest modulus of the multipliers; NaN without a prediction.
     predicted: float
-    #: Periods on which it was measured.
+    #: Number of periods on which the factor was measured.
     periods: int
     #: Distance from the periodic motion at the end, relative.
     distance: float
@@ -193,16 +193,17 @@ class Verdict(Enum):
     #: The predicted motion is not stable, so that the rig leaves it.
     PREDICTED_UNSTABLE = 'predicted unstable'
     NO_PREDICTION = 'no prediction'
-    #: Its frequency is swept: the response over frequency is the result.
+    #: The frequency of the force is swept: the response over frequency is the result.
     SWEPT = 'swept'
-    #: Too little was recorded.
+    #: The recording is too short.
     TOO_SHORT = 'too short'
 
 
 class LogVerdict(Enum):
     """Whether the log of a stretch is that of its rig."""
 
-    #: Every number is that of the replay, to the last bit or, if it cannot be, within round-off.
+    #: Every number equals that of the replay, to the last bit or, on another machine, within
+    #: round-off.
     REPRODUCED = 'reproduced'
     DIFFERS = 'differs'
 
@@ -211,7 +212,7 @@ class LogVerdict(Enum):
 class MotionCurve:
     """The motion in detail, with both sides of each event."""
 
-    #: Instants, s, not falling, shape (n,). Each event is there twice, just before and after.
+    #: Instants, s, not falling, shape (n,). Each event stands there twice, just before and after.
     time: Array
     #: X in m, and X' in m/s, shape (n,).
     x: Array
@@ -246,10 +247,10 @@ class Convergence:
     """The approach of the recorded motion to the periodic one, period by period."""
 
     time: Array  # beginning of each period, s, shape (n,)
-    #: Largest difference of any displacement, velocity and instant of its impacts from those of
-    #: the periodic motion, each relative to its size, shape (n,).
+    #: Largest difference of a displacement, velocity or instant of its impacts from the periodic
+    #: motion, each relative to its size, shape (n,).
     distance: Array
-    first: int  # of the periods on which the decay was measured
+    first: int  # first of the periods on which the decay was measured
     decay: Decay
 
 
@@ -261,12 +262,12 @@ class Spectrum:
     amplitude: Array  # of X, m, shape (n,)
     force_frequency: float  # of the force's first harmonic, Hz
     resolution: float  # width of a line, Hz
-    window: str  # its name
+    window: str  # name of the window
 
 
 @dataclass(frozen=True)
 class StretchCurves:
-    """The arrays of one stretch for plots, of bounded size; None for those that do not apply."""
+    """The arrays of one stretch for plots, of bounded size; None where one does not apply."""
 
     #: X over the whole stretch, shape (3, n): beginnings of consecutive pieces, s, and least and
     #: greatest sampled X in each, m.
@@ -292,14 +293,14 @@ class LoggedStretch:
     start: float
     end: float
     begins: Beginning
-    cause: str  # why it begins, in words, such as 'gap = 0.012 m (was 0.01 m)'
-    parameters: RigParameters  # as logged
+    cause: str  # why the stretch begins, in words, such as 'gap = 0.012 m (was 0.01 m)'
+    parameters: RigParameters  # parameters of the rig as logged
     #: Parameters of the gap control as logged.
     control: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def recorded_part(self) -> LoggedStretch:
-        """The stretch without anything else that is known of it."""
+        """The part of a comparison that is the stretch alone."""
         return LoggedStretch(**{f.name: getattr(self, f.name) for f in fields(LoggedStretch)})
 
     @property
@@ -318,7 +319,7 @@ class StretchComparison(LoggedStretch):
     missing_samples: int = 0
     #: The kind of the motion.
     kind: MotionKind
-    #: The numbers that show it, as a sentence.
+    #: The numbers that show the kind, as a sentence.
     evidence: str
     #: The same numbers by name.
     measures: Mapping[str, float] = field(default_factory=dict)
@@ -333,27 +334,27 @@ class StretchComparison(LoggedStretch):
     #: The periodic motion predicted for the logged parameters, the nearest to the measured
     #: one, beginning at the same impact as `measured.last_period`.
     predicted: PeriodicOrbit | None = None
-    #: Its impulses, N s.
+    #: Impulses of the predicted motion, N s.
     predicted_impulse: tuple[float, ...] = ()
-    #: The method that found it, or why there is no prediction.
+    #: The method that found the prediction, or why there is none.
     solver: str = ''
-    #: Over whole periods.
+    #: Balance of energy over whole periods.
     energy: EnergyBalance | None = None
-    #: Into the steady state.
+    #: Decay into the steady state.
     decay: Decay | None = None
-    #: Of a rig without force on a base at rest: what each of its cycles loses.
+    #: Ring-down of a rig without force on a base at rest: the loss of each cycle.
     ring_down: RingDown | None = None
-    #: Of a rig whose force or base is swept: its response at each step.
+    #: Response, at each step, of a rig whose force or base is swept.
     response: SweptResponse | None = None
-    #: How it compares.
+    #: The verdict of the comparison with theory.
     verdict: Verdict
     #: The verdict in words, with numbers.
     sentence: str
-    #: Whether its log is that of the rig, whatever theory says.
+    #: Whether the log equals the replay, whatever theory says.
     log: LogVerdict = LogVerdict.REPRODUCED
-    #: In what the log differs from the replay, the earliest first.
+    #: Differences between log and replay, the earliest first.
     differences: tuple[Difference, ...] = ()
-    #: For plots.
+    #: Arrays for plots.
     curves: StretchCurves = field(default_factory=StretchCurves)
 
     def __repr__(self) -> str:
@@ -395,9 +396,9 @@ class RunComparison:
     #: The recording, and the node that was recorded.
     bag: str
     node: str
-    #: Of this package.
+    #: Version of this package.
     version: str
-    #: Whether the bag was finished and nothing of it is missing.
+    #: Whether the bag was finished and no part of it is missing.
     complete: bool
     #: Number of the run, and of all runs of the rig in the recording.
     run: int = 1
@@ -408,7 +409,7 @@ class RunComparison:
     #: Numbers of joint states and of impacts.
     samples: int
     impacts: int
-    #: In order.
+    #: The stretches in order.
     stretches: tuple[StretchComparison, ...]
     #: How the numbers were checked.
     log: LogCheck = field(default_factory=lambda: LogCheck('not checked'))
@@ -425,7 +426,7 @@ class RunComparison:
 
     @property
     def exit_code(self) -> int:
-        """0: nothing differs; 1: log or theory does; 3: neither, but the bag is not complete."""
+        """0: nothing differs; 1: log or theory differs; 3: neither, but the bag is incomplete."""
         if self.log.differences or any(s.verdict is Verdict.DIFFERS for s in self.stretches):
             return 1
         return 3 if self.faults else 0

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The score of a controlled run: how much M moved, how soon it settled, and what the control spent.
+The score of a controlled run: motion of M, settling time, and energy of the control.
 
-Beside it are two runs of the same history, computed by the engine: with a fixed gap, that of the
-rig or a given one, and with M alone. In them no control acts, neither on the stops nor on M.
+It is compared with two computed runs of the same history, one with a fixed gap, which is that of
+the rig or a given one, and one with M alone. No control acts in these, neither on the stops nor on
+M.
 """
 
 from __future__ import annotations
@@ -26,28 +27,28 @@ from impact_damper_ros.replay.rows import NO_EVENTS
 from .result import Array, Overall
 from .stretches import RecordedStretch, Stretches
 
-#: M alone: what is left of m does not move it.
+#: Mass ratio of M alone: so small a mass does not move M.
 _ALONE = 1e-9
-#: Cycles of a run from which on compiled code is worth its loading time.
+#: Number of cycles of a run from which on compiled code saves more than its loading takes.
 _COMPILED_FROM = 50
-#: Points of a cycle at which |X| is looked up, and fewest cycles that show a settling time.
+#: Points of a cycle at which |X| is evaluated, and fewest cycles that show a settling time.
 _POINTS, _FEWEST = 48, 8
-#: Share of the work of a score that its replay is, and of the rest that the first other run is.
+#: Share of the replay in the work of a score, and share of the first other run in the rest.
 _REPLAYED, _FIRST = 0.5, 0.75
-#: Share of the final amplitude within which it has settled.
+#: Share of the final amplitude within which the amplitude has settled.
 SETTLED_WITHIN = 0.05
 
 
 @dataclass(frozen=True)
 class Score:
-    """A stretch of a run, or all of it, beside the same with a fixed gap and M alone."""
+    """Score of a stretch of a run, or of the whole run, with a fixed gap, and of M alone."""
 
     start: float  # rig time, s
     end: float
-    cause: str  # why it begins; empty of a whole run
+    cause: str  # why the stretch begins; empty for a whole run
     control: str  # the law in effect, or 'off'
     #: Time after which the amplitude of X stays within 5 % of its final range, s; None if it still
-    #: changes at the end, and of a whole run.
+    #: changes at the end, and for a whole run.
     settling_time: float | None
     run: Overall
     fixed_gap: Overall
@@ -60,12 +61,12 @@ class RunScore:
 
     bag: str
     node: str
-    gap: float  # the fixed gap of the run beside it, m
+    gap: float  # the fixed gap of the compared run, m
     stretches: tuple[Score, ...]
     overall: Score
-    differences: int  # numbers of the log that are not those of its replay
+    differences: int  # number of values of the log that differ from the replay
     faults: tuple[str, ...]  # why the bag could be used in part only
-    #: Middle of each cycle of the force, s, and largest |X| in it, m: of the run, and with the
+    #: Middle of each cycle of the force, s, and largest |X| in it, m: in the run, and with the
     #: fixed gap.
     amplitude: tuple[Array, Array]
     fixed_amplitude: tuple[Array, Array]
@@ -79,7 +80,7 @@ class RunScore:
         return 1 if self.differences else 3 if self.faults else 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the amplitudes in types of JSON; what is not known is None."""
+        """Return all but the amplitudes in types of JSON; unknown values are None."""
         found: dict[str, Any] = as_plain(vars(self), without=('amplitude', 'fixed_amplitude'))
         return found
 
@@ -104,9 +105,9 @@ def settling_time(stretch: RecordedStretch) -> float | None:
     """
     Return how long a stretch takes to settle, s; None if its amplitude still changes at its end.
 
-    Settled is a motion whose amplitude stays within the range of the second half of the stretch,
-    or 5 % of its mean if that is more. It still changes if the means of the last two quarters
-    differ by more than that.
+    A motion has settled if its amplitude stays within the range of the second half of the stretch,
+    or within 5 % of its mean if that is more. It still changes if the means of the last two
+    quarters differ by more than that.
     """
     time, largest = amplitudes(stretch)
     if len(time) < _FEWEST:
@@ -124,7 +125,7 @@ def settling_time(stretch: RecordedStretch) -> float | None:
 
 
 class _History:
-    """What was done to a rig in a run, done again to it with other parameters."""
+    """The commands of a run, repeated for a rig with other parameters."""
 
     def __init__(self, start: Command) -> None:
         self._start = start
@@ -134,10 +135,10 @@ class _History:
         self.compiled = False
 
     def recorded_parts(self, parts: Iterable[RunPart]) -> Iterator[RunPart]:
-        """Yield the parts of the recorded run, and keep what was done in them."""
+        """Yield the parts of the recorded run, and keep their commands."""
         for part in parts:
             if len(part.samples) or part.command is not None or part.before:
-                # The last sample shows how far the part goes.
+                # The part ends at its last sample.
                 last = part.samples[-1:]
                 self._parts.append(RunPart(last, NO_EVENTS, part.command, part.steps, part.before))
             yield part
@@ -161,10 +162,10 @@ def score_run(
     progress: Callable[[float], object] = float,
 ) -> RunScore:
     """
-    Score a recorded run, beside the same run with a fixed gap and with M alone.
+    Score a recorded run, and the same run with a fixed gap and with M alone.
 
-    The fixed gap, m, is that with which the run begins if none is given. `progress` is called now
-    and then with the share of the work that is done.
+    Without a given fixed gap, m, the run with a fixed gap has that of the beginning. `progress` is
+    called now and then with the share of the work that is done.
     """
     reader = recorded.reader
     span = reader.span or 1.0
@@ -191,13 +192,13 @@ def score_run(
             'damper_mass': _ALONE * rig.primary_mass,
             'friction': 0.0,
             'air_force': 0.0,
-            # As wide as it may be, so that what is left of m meets no stop
+            # The gap is the widest one, so that m meets no stop.
             'gap': PARAMETER_SPECS['gap'].high,
         }
     )
 
     def within(others: Sequence[RecordedStretch], stretch: RecordedStretch) -> Overall:
-        """Return what adds up in another run from the begin to the end of a stretch."""
+        """Return the sums of another run from the begin to the end of a stretch."""
         return _overall_of([one for one in others if stretch.start <= one.start < stretch.end])
 
     scores = tuple(

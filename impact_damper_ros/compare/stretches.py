@@ -5,8 +5,8 @@ A run as stretches with constant parameters.
 A run is cut where its parameters change and where it is reset. A pause is no cut: rig time stands
 still during it. The motion is that of the replay, with the full digits.
 
-Between two events the motion is a closed formula. Where a measured record acts on the rig, it is
-known at samples and events only.
+Between two events the motion is a closed formula. Where a measured record acts on the rig, the
+motion is known at samples and events only.
 
 Memory stays bounded: the last flights and samples are kept. The envelope of X and the numbers over
 the whole stretch see all of them, part by part.
@@ -45,7 +45,7 @@ class LoggedRig:
     """A rig as logged."""
 
     parameters: RigParameters
-    #: Its snapshot
+    #: Snapshot of the rig
     state: Mapping[str, Any]
 
     @classmethod
@@ -117,7 +117,7 @@ class Envelope:
             self._size *= 2
 
     def finish(self) -> Array:
-        """Return the ranges; what does not fill a piece belongs to the last one."""
+        """Return the ranges; a rest that does not fill a piece belongs to the last one."""
         (time, low, high), (times, x) = self._pieces, self._rest
         if not len(time):
             return np.array([times[:1], x[:1], x[:1]])
@@ -133,7 +133,7 @@ class RecordedStretch(LoggedStretch):
     flights: Flights  # the last ones
     samples: Samples  # the last ones
     counts: tuple[int, int, int]  # samples, missing samples, impacts
-    envelope: Array  # of X, as of `StretchCurves`
+    envelope: Array  # range of X, as in `StretchCurves`
     overall: Overall
     #: State of the rig at the end
     at_end: Mapping[str, Any] = field(default_factory=dict)
@@ -145,7 +145,7 @@ class RecordedStretch(LoggedStretch):
 
     @property
     def drive(self) -> Drive | None:
-        """The force; None if it is swept, or a measured record acts beside it."""
+        """The force; None if it is swept, or a measured record acts, too."""
         return self.flights.drive if self.parameters.sweep_mode == 'off' else None
 
     @property
@@ -232,7 +232,7 @@ class StretchBuilder:
         flights = Flights.between(parameters, rows, self._drive, steps, self._active)
         self._active = float(flights.active[-1])
         if rows['time'][0] < self._start:
-            # A recorder that joined later got an earlier snapshot.
+            # A recorder that joined later received an earlier snapshot.
             flights = flights.cut(self._start, math.inf)
         found, largest = flights.integrals()
         self._totals = Integrals(*map(sum, zip(self._totals, found, strict=True)))
@@ -256,7 +256,7 @@ class StretchBuilder:
     def finish(
         self, end: float | None = None, at_end: Mapping[str, Any] | None = None
     ) -> RecordedStretch:
-        """Return the stretch, up to an instant, s, at which the rig had a state if it is known."""
+        """Return the stretch, up to an instant, s, and the state of the rig then, if known."""
         if at_end:
             row = _state_row(at_end)
             if row['time'][0] > self._row['time'][0]:
@@ -337,7 +337,7 @@ def _state_row(state: Mapping[str, Any]) -> Events:
 
 
 def _forget(parts: list[Any], most: int) -> None:
-    """Forget the first parts, as long as the others have enough rows."""
+    """Drop the first parts, as long as the others have enough rows."""
     while sum(map(len, parts[1:])) >= most:
         parts.pop(0)
 
@@ -362,7 +362,7 @@ class Stretches:
     period : float, optional
         Time from one sample to the next, s; 0 if none can be missing.
     start : float, optional
-        Rig time from which on the run counts, s; its first sample or event by default.
+        Rig time at which the stretches begin, s; the first sample or event by default.
     cuts : collection of float, optional
         Rig times of commands with which a stretch begins though nothing has changed, s.
 

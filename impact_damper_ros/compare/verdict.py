@@ -44,7 +44,7 @@ _LISTED_STOPS = 12
 
 
 class _Judgement(NamedTuple):
-    """A verdict, and the same in words."""
+    """A verdict, and the verdict in words."""
 
     verdict: Verdict
     sentence: str
@@ -64,7 +64,7 @@ def _stability(orbit: PeriodicOrbit) -> str:
 
 
 def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
-    """Judge a motion that repeats, or that settles into one that does."""
+    """Judge a motion that repeats, or that settles to a period."""
     orbit, distance, decay = motion.orbit, motion.distance, motion.decay
     if orbit is None:
         return _Judgement(Verdict.NO_PREDICTION, motion.solver)
@@ -99,7 +99,7 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
 def _judged_irregular(
     stretch: RecordedStretch, drive: Drive, kind: StretchKind
 ) -> tuple[_Judgement, PeriodicOrbit | None]:
-    """Judge a motion that does not repeat, beside the simplest periodic motion of the rig."""
+    """Judge a motion that does not repeat, by the simplest periodic motion of the rig."""
     rig = counted_from_zero(stretch.parameters, drive.angles)
     stops = (1,) if rig.one_sided else (1, 2)
     orbits: tuple[PeriodicOrbit, ...] = ()
@@ -138,7 +138,7 @@ def _beside(
     return _Judgement(Verdict.NO_PREDICTION, text)
 
 
-#: Change of Y, as a share of X and Y, with which m keeps its place in M.
+#: Largest change of Y, as a share of X and Y, with which m keeps its place in M.
 _KEPT = 1e-9
 
 
@@ -158,7 +158,7 @@ def _vibration(stretch: RecordedStretch, *, joined: bool) -> float | None:
 
 
 def _free_vibration(stretch: RecordedStretch, *, joined: bool) -> float:
-    """Return the amplitude at the end of what has not died out beside the steady X, m."""
+    """Return the amplitude of the free vibration that is left at the end, m."""
     rig, flights = stretch.parameters, stretch.flights
     mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
     last, tau = np.array([len(flights) - 1]), flights.spans[-1:]
@@ -193,7 +193,7 @@ def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _
         f'{"at most " if several else ""}{expected:.7g} m; the free vibration left is {left:.2g} '
         'of it'
     )
-    # Without friction m stays where it is in space, while X still swings in
+    # Without friction m stays at its place in space while X still settles.
     place = section[:, 2] if joined else section[:, 0] + section[:, 2]
     drift = float(place[-1] - place[0])
     size = float(np.abs(place).max()) + expected
@@ -215,12 +215,12 @@ def _judged_vibration(stretch: RecordedStretch, x_max: float, cycle: float) -> _
     return _Judgement(Verdict.AGREES if settled else Verdict.NOT_SETTLED, text)
 
 
-#: Periods, or cycles, of which the energy is balanced, and which the plots show in detail.
+#: Periods, or cycles, over which the energy is balanced, and which the plots show in detail.
 _BALANCED, _SHOWN = 50, 8
 _MOST_IMPACTS = 20_000
 #: Periods of a settled motion that are measured.
 _MEASURED = 20
-#: Cycles without an impact at the end of a stretch, after which it counts as one without.
+#: Cycles without an impact at the end of a stretch after which it counts as one without impacts.
 _QUIET_CYCLES = 20
 _LEAST_CYCLES = 2
 _STILL = 1e-9
@@ -287,7 +287,7 @@ class _Comparison:
         return self._with_impacts()
 
     def _without_theory(self) -> _Judgement:
-        """Return why there is no prediction; of a sweep its largest |X|, beside M alone."""
+        """Return why there is no prediction; of a sweep the largest |X|, with m and of M alone."""
         found = self.response
         if found is None:
             return _Judgement(Verdict.NO_PREDICTION, self.reason)

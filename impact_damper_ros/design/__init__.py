@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a structure to its damper: the best gap of each mass, how sure it is, and its rival."""
+"""From a structure to its damper: the best gap of each mass, its margins, and mass dampers."""

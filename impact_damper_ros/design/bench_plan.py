@@ -24,8 +24,8 @@ from impact_damper_ros.rig.run_result import Events
 
 from .runs_from_rest import at_level
 
-#: Errors of what is recorded: of a speed, over that of approach, and of a place, over the gap;
-#: and the ratio of eigenvalues below which the laws do not distinguish the unknowns.
+#: Errors of a recorded speed, over that of approach, and of a recorded place, over the gap; and
+#: the ratio of eigenvalues below which the equations do not distinguish the unknowns.
 _SPEED_ERROR, _PLACE_ERROR, _DEGENERATE = 0.01, 0.01, 1e-9
 
 
@@ -36,9 +36,10 @@ class RunDeviations(NamedTuple):
     Attributes
     ----------
     restitution, friction : float
-        Of R, and of the coefficient of friction, which acts only where something presses m to M.
+        Deviations of R, and of the coefficient of friction, which acts only where a force presses
+        m to M.
     relative_gap : float
-        Of the gap, over the gap.
+        Deviation of the gap, over the gap.
     """
 
     restitution: float = math.inf
@@ -50,21 +51,21 @@ class PlannedRun(NamedTuple):
     """
     A run to record, and how well it distinguishes restitution, friction and gap.
 
-    Speeds and places of each flight are taken to be known to 1 % of the speed of approach and of
-    the gap.
+    The errors of speeds and places of each flight are assumed to be 1 % of the speed of approach
+    and of the gap.
 
     Attributes
     ----------
     settled_only : bool
-        Whether it is recorded once the motion has settled only, and not from rest.
+        Whether the recording begins after the motion has settled, not from rest.
     gap, level : float
         Gap (m) and level, as a factor, of the run.
     flights : int
-        Flights of m from impact to impact that it has.
+        Number of flights of m from impact to impact.
     repeats : bool
-        Whether the motion comes to repeat, so that later flights add nothing new.
+        Whether the motion settles to a period, so that later flights give no new information.
     standard_deviations : Deviations
-        What it leaves uncertain.
+        Standard deviations after the run.
     """
 
     settled_only: bool
@@ -114,13 +115,13 @@ def planned_run(
     Parameters
     ----------
     rig : RigParameters
-        The rig; of the run too, but for the level.
+        The rig of the run, whose level is changed.
     level : float, optional
         The level of the run, as a factor.
     cycles : int, optional
         Cycles of the excitation that are recorded.
     settled : bool, optional
-        Whether they are recorded once the motion has settled only, and not from rest.
+        Whether the recording begins after the motion has settled, not from rest.
     """
     there = at_level(rig, level)
     moving = Rig(there, compiled=None)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The best gap of an impact damper of each mass, and how sure it is.
+The best gap of an impact damper of each mass, and its margins.
 
 For each mass the motions of two impacts per cycle are followed over the gap, exactly, to where M
 moves least and the motion is stable. Whether a rig from rest reaches that motion is simulated, and
-rigs of many gaps are run from rest beside it: a structure that swings less than half the gap never
-hits a stop, and beside the resonance another motion may be smaller.
+rigs of many gaps are run from rest for comparison: a structure that swings less than half the gap
+never hits a stop, and off resonance another motion may be smaller.
 """
 
 from __future__ import annotations
@@ -31,35 +31,37 @@ from impact_damper_ros.rig.rig import Rig
 
 from .runs_from_rest import Array, Flags, largest_from_rest, widest_hit
 
-#: Gaps at which motions are sought, over the optimal gap of theory, and beside the resonance, or
-#: where there are none so far, as well; and how near two motions are one.
+#: Gaps at which motions are sought, over the optimal gap of theory; further gaps, off resonance or
+#: where no motion was found; and the largest difference of two motions that are one.
 _FIRST_GAPS, _NARROW_GAPS, _SAME_MOTION = (0.9, 0.7, 0.5, 1.0, 1.1, 0.35, 0.25), (0.15, 0.05), 1e-6
 #: Samples of each flight of a motion.
 _SAMPLES = 128
-#: Two motions with largest |X| within this part are one; and so much less is worth another gap.
+#: Two motions with largest |X| within this part are one; a smaller |X| by that part is worth
+#: another gap.
 _SAME, _WORTH = 5e-3, 0.02
-#: Gaps that are tried from rest, how many of the best are looked at closely, at how many gaps
-#: each; and the level at which m is still hit.
+#: Number of gaps that are tried from rest, number of the best that are refined, and number of gaps
+#: for each; and the level at which m is still hit.
 _GAPS_FROM_REST, _NARROWED, _FINER, _MARGIN = 128, 3, 8, 0.95
 _POINTS, _STEP = 60, 0.15
-#: How often R is taken at the speed that it leads to.
+#: Number of iterations of R and the speed that follows from it.
 _TURNS = 50
 #: Significant digits of a gap that can be built.
 _DIGITS = 4
-#: How far frequency and level are followed, as factors; the frequency first next to its value.
+#: Ranges in which frequency and level are followed, as factors; the frequency first near its
+#: value.
 _FREQUENCIES, _LEVELS = ((0.94, 1.06), (0.5, 1.5)), ((0.25, 4.0),)
 
 
 class FromRest(NamedTuple):
     """
-    A gap and what a rig from rest comes to.
+    A gap, and the motion that a rig with it reaches from rest.
 
     Attributes
     ----------
     gap, x_max : float
         The gap, and the largest |X| some time after the start, m.
     keeps_margin : bool
-        Whether m is hit as well if the level is 5 % lower.
+        Whether m is still hit if the level is 5 % lower.
     """
 
     gap: float
@@ -81,13 +83,13 @@ class Design:
     reached_from_rest : bool
         Whether a rig from rest settles into it.
     starts_by_itself : FromRest or None
-        The best from rest, where that is not this motion.
+        The best gap from rest, where its motion is not `orbit`.
     without_margin : FromRest or None
-        The best of all from rest, where it is better by more than 2 % but keeps no margin.
+        The best gap of all from rest, where it is better by more than 2 % but keeps no margin.
     widest_hit : float
         Widest gap with which m is hit at all from rest, m.
     gap_range, level_range, frequency_range : Span
-        How far the gap (m), the level (as a factor) and the frequency (rad/s) may go, each alone.
+        Ranges of the gap (m), the level (as a factor) and the frequency (rad/s), each alone.
 
     Examples
     --------
@@ -207,8 +209,8 @@ def _is_kept(orbit: PeriodicOrbit) -> bool:
 
 
 def _motions(rig: RigParameters) -> Iterator[PeriodicOrbit]:
-    """Yield the viable motions of two impacts of a rig; unstable ones may be stable elsewhere."""
-    # Without friction all motions are found at once, and they are carried to the friction.
+    """Yield the viable motions of two impacts of a rig, stable or not."""
+    # All motions are found for a rig without friction, and then followed in the friction.
     for orbit in find_orbits(rig.replace(friction=0.0), (1, 2)).orbits:
         if orbit.viable:
             carried = carried_over(orbit, rig) if rig.friction else orbit
@@ -248,7 +250,7 @@ def _best_to_build(branch: Branch) -> PeriodicOrbit | None:
     gaps = (nearest, rounded_gap(nearest - digit), rounded_gap(nearest + digit))
     # The least |X| may lie where stability is lost, and the nearest gap beyond
     motions = [
-        # A point of the branch is at the gap to round-off
+        # The point of the branch has the gap only to round-off.
         orbit_at(orbit, orbit.parameters.replace(gap=gap))
         for gap in gaps
         for orbit in branch.at([gap])[0]
@@ -263,7 +265,7 @@ def _span_of(
     """
     Return how far a motion is stable and viable over a parameter.
 
-    It is followed up to factors of its value, farther where nothing ends it there.
+    The parameter goes up to factors of its value, and farther where the motion does not end there.
     """
     span = Span(here, here)
     for low, high in factors:
@@ -292,7 +294,7 @@ def best_from_rest(rig: RigParameters, widest: float) -> tuple[FromRest, FromRes
 
     def sizes_of(gaps: Array) -> Array:
         def least(largest: Array, repeats: Flags) -> float:
-            # What does not repeat is no smaller after more cycles
+            # A motion that does not repeat is no smaller after more cycles.
             return float(min(largest[repeats & (gaps <= sure)], default=math.inf))
 
         return largest_from_rest(rig, {'gap': gaps}, least)
@@ -334,9 +336,9 @@ def best_design(rig: RigParameters) -> Design | None:
     Raises
     ------
     TypeError
-        If the rig is none.
+        If `rig` is no `RigParameters`.
     OrbitError
-        If the theory of periodic motion does not apply to it, as where no force acts.
+        If the theory of periodic motion does not apply to the rig, as where no force acts.
 
     Examples
     --------
@@ -355,7 +357,7 @@ def best_design(rig: RigParameters) -> Design | None:
     widest = widest_hit(there)
     alone, any_gap = best_from_rest(there, widest)
     if alone.x_max > (1.0 - _WORTH) * there.response_amplitude:
-        # A margin with which the damper is no help is none
+        # A gap with a margin must also reduce the vibration.
         alone = any_gap
     least = min(alone.x_max, orbit.x_max if reached else math.inf)
     own = reached and orbit.x_max <= (1.0 + _WORTH) * least
@@ -367,7 +369,7 @@ def best_design(rig: RigParameters) -> Design | None:
         level = getattr(there, f'{shaker}amplitudes')[0]
         levels = _span_of(orbit, f'{shaker}amplitudes', level, _LEVELS).over(level)
     else:
-        # Motions of another level are those of another gap, to scale.
+        # At another level the motions are those at another gap, to scale.
         levels = Span(gaps.high, gaps.low, gaps.high_reason, gaps.low_reason).over(there.gap)
         levels = Span(1.0 / levels.low, 1.0 / levels.high, levels.low_reason, levels.high_reason)
     return Design(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fitted rig and how sure its parameters are, as `fit_rig` writes them as JSON."""
+"""A fitted rig and the intervals of its parameters, in the JSON that `fit_rig` writes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FittedRig(NamedTuple):
 
 
 def _within(name: str, low: float, high: float) -> tuple[float, float]:
-    """Return an interval, without what a parameter cannot be."""
+    """Return an interval, cut to the range of its parameter."""
     spec = PARAMETER_SPECS[name]
     assert spec.low is not None
     assert spec.high is not None
@@ -54,7 +54,7 @@ def load_fitted(path: Path) -> FittedRig:
     Raises
     ------
     ValueError
-        If it cannot be read, or has no interval.
+        If the file cannot be read, or has no interval.
     """
     content = content_of(path, _MOST_BYTES)
     try:
@@ -64,7 +64,7 @@ def load_fitted(path: Path) -> FittedRig:
         ends = {n: (*map(float, known[n]['interval']),) for n in UNCERTAIN if n in known}
         ranges = {n: _within(n, *sorted((low, high))) for n, (low, high) in ends.items()}
         values = dict(found.get('rig') or values)
-    # Whatever a file holds that is none
+    # Any content that is no result of a fit
     except Exception as error:
         raise ValueError(
             f'{path}: is not the result of a fit ({as_name(error)}): give JSON as fit_rig --json '

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The mass dampers of the same mass, with which an impact damper is compared, and the comparison.
+Mass dampers of the same mass, and their comparison with an impact damper.
 
 References
 ----------
@@ -33,9 +33,9 @@ class Tuning(NamedTuple):
     Attributes
     ----------
     frequency : float
-        Its natural circular frequency, rad/s.
+        Natural circular frequency of the mass damper, rad/s.
     zeta : float
-        Its damping ratio.
+        Damping ratio of the mass damper.
     """
 
     frequency: float
@@ -62,14 +62,14 @@ def mass_damper_response(rig: RigParameters, tuning: Tuning, frequencies: Array)
     rig : RigParameters
         The rig; its first harmonic shakes it, of a force or of the base.
     tuning : Tuning
-        That of the mass damper.
+        The tuning of the mass damper.
     frequencies : ndarray
         Circular frequencies, rad/s.
     """
     m, own = rig.damper_mass, tuning.frequency
     link = m * own**2 + 2.0j * frequencies * m * own * tuning.zeta
     inertia = -m * frequencies**2
-    # What the mass on its spring does to M, as a dynamic stiffness
+    # Dynamic stiffness of the mass on its spring, which acts on M
     reaction = inertia * link / (inertia + link)
     dynamic = rig.stiffness - rig.primary_mass * frequencies**2 + 1j * frequencies * rig.damping
     force = np.array([abs(rig.with_first_frequency(w).first_harmonic[0]) for w in frequencies])
@@ -84,7 +84,7 @@ def bare_response(rig: RigParameters, frequencies: Array) -> Array:
 
 class Comparison(NamedTuple):
     """
-    An impact damper from rest beside none, and beside two mass dampers of its mass.
+    Comparison of an impact damper from rest with no damper, and with two mass dampers.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Comparison(NamedTuple):
     damper : ndarray, shape (k, n)
         Largest |X| with the impact damper over the level, m.
     level_range, level_ratios : ndarray
-        Levels over a longer range, and there the largest |X| over that without the damper.
+        Levels over a longer range, and the largest |X| at these over that without the damper.
     """
 
     frequencies: Array
@@ -113,7 +113,7 @@ class Comparison(NamedTuple):
 
 def compare_dampers(rig: RigParameters, low: float, high: float) -> Comparison:
     """
-    Return an impact damper beside mass dampers.
+    Return the comparison of an impact damper with mass dampers.
 
     Parameters
     ----------

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Largest |X| of many rigs from rest, which differ in gap, level, frequency and what is uncertain.
+Largest |X| of many rigs from rest, which differ in gap, level, frequency, uncertain parameters.
 
-The rigs of an ensemble share their excitation. A rig at another level or frequency moves as one
-at the common ones, in other units: with a cycle as the unit of time and the amplitude of the base,
-or that of the force over M and the square of its frequency, as that of length. Another level is
-another gap, gravity and air force; another frequency another stiffness and damping.
+The rigs of an ensemble share their excitation. A rig at another level or frequency moves as one at
+the common level and frequency, in other units: with a cycle as the unit of time and the amplitude
+of the base, or that of the force over M and the square of its frequency, as that of length.
+Another level is another gap, gravity and air force; another frequency another stiffness and
+damping.
 """
 
 from __future__ import annotations
@@ -27,17 +28,19 @@ Flags = npt.NDArray[np.bool_]
 #: the excitation, rad/s.
 Cases = Mapping[str, npt.ArrayLike]
 
-#: Time constants of M after which its start is forgotten; least and most cycles for that.
+#: Time constants of M in which a start decays; least and most cycles for that.
 _TIME_CONSTANTS, _LEAST_CYCLES, _MOST_CYCLES = 8.0, 150, 1500
 #: Cycles in which irregular impacts with R = 0 would come to repeat; 1/(1 - R) times as many.
 _IMPACT_CYCLES = 45.0
-#: Cycles that are measured then, with samples in each: of all, and of those that do not repeat.
+#: Cycles that are measured after settling, and samples in each: for all motions, and for those
+#: that do not repeat.
 _MEASURED, _SAMPLES, _MEASURED_IRREGULAR, _FEWER_SAMPLES = 30, 16, 500, 6
-#: Longest period of a motion that repeats, in cycles, and how well its largest |X| does.
+#: Longest period of a motion that repeats, in cycles, and accuracy to which its largest |X|
+#: repeats.
 _LONGEST_PERIOD, _REPEATS = 6, 1e-3
-#: Samples that are kept at a time.
+#: Most samples that are kept at a time.
 _MOST_SAMPLES = 1_000_000
-#: Powers of the frequency by which a base of some quantity moves less.
+#: Powers of the frequency by which the displacement of a base falls, by quantity.
 _POWERS = {'displacement': 0, 'velocity': 1, 'acceleration': 2}
 #: A gap that M does not swing across, over its amplitude.
 _OPEN = 20.0
@@ -50,7 +53,7 @@ def at_level(rig: RigParameters, factor: float) -> RigParameters:
 
 
 def settling_cycles(rig: RigParameters) -> int:
-    """Return the cycles within which the start of a rig is forgotten, by M and by its impacts."""
+    """Return the cycles in which a start decays, by the damping of M and by impacts."""
     cycle = math.tau / rig.first_harmonic[1]
     lost = 1.0 - 0.5 * (rig.restitution_1 + rig.restitution_2)
     lasting = max(
@@ -64,8 +67,8 @@ def widest_hit(rig: RigParameters, level: float = 1.0) -> float:
     """
     Return the widest gap with which m of a rig from rest is hit at some level, m.
 
-    Beside the resonance M swings farther at first than later on. On an incline, along which m
-    slides to a stop by itself, it is the gap across which M alone swings.
+    Off resonance M swings farther at first than later on. On an incline, along which m slides to a
+    stop by itself, it is the gap across which M alone swings.
     """
     alone = at_level(rig, level).replace(gap=_OPEN * rig.response_amplitude)
     if rig.gravity * math.sin(rig.angle):
@@ -81,7 +84,7 @@ def _column(rig: RigParameters, cases: Cases, name: str) -> Array:
 
 
 def _similar(rig: RigParameters, cases: Cases) -> tuple[dict[str, npt.ArrayLike], Array]:
-    """Return values of an ensemble that moves alike, and the lengths of the rigs over its own."""
+    """Return values of a similar ensemble, and the factors of length of the rigs to it."""
     ratio = np.asarray(cases.get('frequency', 1.0), dtype=float)
     if 'frequency' in cases:
         ratio = ratio / rig.first_harmonic[1]
@@ -171,17 +174,17 @@ def largest_from_rest(
     """
     Return the largest |X| of rigs some time after they were started from rest, m.
 
-    It is that of 30 cycles or, where the motion does not repeat, of 500.
+    The largest |X| is that in 30 cycles or, where the motion does not repeat, in 500.
 
     Parameters
     ----------
     rig : RigParameters
-        What the rigs have in common.
+        The common parameters of the rigs.
     cases : mapping of str to array_like of float, shape (n,)
-        What they differ in, see `Cases`.
+        The values in which the rigs differ, see `Cases`.
     most : callable, optional
-        Returns up to which size motions count, given the largest |X| in 30 cycles and whether
-        each repeats: larger ones are not run any longer.
+        Returns the largest |X| that still matters, given that in 30 cycles and whether each motion
+        repeats: motions beyond it are not run longer.
     """
     largest, repeats = largest_in_short(rig, cases)
     longer = np.flatnonzero(~repeats & (largest <= (most(largest, repeats) if most else math.inf)))

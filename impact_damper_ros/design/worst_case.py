@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The worst of many runs from rest, over the level and what is uncertain, and its best gap."""
+"""The worst of many runs from rest, over level and uncertain parameters, and its best gap."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ Ranges = Mapping[str, tuple[float, float]]
 
 #: Levels and values of R: of a whole grid, and of one that is run for all gaps. Friction is at
 #: both ends, and so is any other uncertain parameter, with half as many levels and values of R.
-#: Where one of the two is given, so many times as many values of the other.
+#: Where only level or R has a range, the number of its values is multiplied by the last factor.
 _WHOLE, _COARSE, _ALONE = (40, 20), (10, 5), 5
-#: Cases next to the worst ones that are run as well: how many of the worst, at how many levels and
-#: values of R each, within how many steps of the grid.
+#: Cases next to the worst that are run, too: number of worst cases, levels and values of R for
+#: each, steps of the grid within which they lie.
 _WORST, _AROUND, _STEPS = 4, 5, (1.0, 0.3)
-#: Motions that do not repeat and are run longer, the largest first: how many at a time, how many
-#: times at most, and how much larger they may become.
+#: Motions that do not repeat are run longer, the largest first: number at a time, most times, and
+#: factor by which they may grow.
 _AT_A_TIME, _BATCHES, _GROWTH = 48, 2, 1.25
-#: Gaps that are tried, over the best one: from this times the lowest level on, up to this; and how
-#: much less is worth another whole grid.
+#: Gaps that are tried, over the best one: from the first factor times the lowest level, up to the
+#: second; and the improvement that is worth another whole grid.
 _LEAST_GAP, _WIDEST_GAP, _GAPS, _WORTH = 0.5, 1.5, 40, 0.02
 
 
@@ -50,7 +50,7 @@ class WorstCase:
     ratio : float
         Largest |X| over that without the damper.
     case : dict
-        Where that is: `level` as a factor, and uncertain parameters, SI.
+        The worst case: `level` as a factor, and uncertain parameters, SI.
     ratios : ndarray, shape (runs,)
         Largest |X| over that without the damper of all runs.
     """
@@ -64,12 +64,12 @@ class WorstCase:
 @dataclass(frozen=True)
 class WorstCases:
     """
-    How gaps do from rest over levels and what is uncertain of the rig.
+    The worst cases of gaps from rest, over levels and uncertain parameters.
 
     Attributes
     ----------
     chosen, best : WorstCase
-        That of the gap to build, and that of the gap for which it is least.
+        The worst case of the gap to build, and that of the gap for which it is least.
     gaps : ndarray, shape (n,)
         Gaps that were tried, m.
     ratios : ndarray, shape (n, cases)
@@ -105,7 +105,7 @@ class _Uncertain:
         self.others = [name for name in self.ranges if name not in self.bounces]
 
     def cases(self, places: Array, **values: float) -> dict[str, Array]:
-        """Return the cases at some places, of which other parameters may be given."""
+        """Return the cases at some places; other parameters may be given."""
         (low, high) = self.levels
         columns = {'level': low * (high / low) ** places[:, 0]}
         for name in self.bounces:
@@ -144,8 +144,8 @@ class _Uncertain:
         """
         Return the ratios of a gap.
 
-        Irregular motions are run longer as far as they may become larger than all others, and
-        than a least ratio.
+        Irregular motions are run longer if they may become larger than all others, and than
+        `least`.
         """
         short, repeat = self.short_ratios(np.array([gap]), cases)
         ratios: Array = short[0]
@@ -164,7 +164,7 @@ class _Uncertain:
         return ratios
 
     def whole(self, gap: float) -> _Runs:
-        """Return the runs of a whole grid with some gap."""
+        """Return the runs of a whole grid with a gap."""
         cases, places = self.grid(_WHOLE)
         return _Runs(cases, places, self.ratios(gap, cases))
 
@@ -214,7 +214,7 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
     ratios, _ = unsure.short_ratios(gaps, unsure.grid(_COARSE)[0])
     runs = {design.gap: unsure.whole(design.gap)}
     least = float(runs[design.gap].ratios.max())
-    # No gap is better than some of its cases
+    # The worst case of a gap is at least the worst of some cases.
     for gap, bound in sorted(zip(gaps, ratios.max(axis=1), strict=True), key=lambda one: one[1]):
         if bound > (1.0 - _WORTH) * least:
             break

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What theory says of a rig: the motion to expect, curves, and the process that computes them."""
+"""Theory of a rig: expected motion, curve over the gap, and the thread that computes them."""

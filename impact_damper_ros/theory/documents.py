@@ -3,12 +3,13 @@
 The document that describes the theory of a rig, for viewers.
 
 A node publishes it as JSON on its topic ``theory`` while someone listens; the page makes the same
-of a recording. After a change there are two: the predicted motion and the curve of that, and some
-hundredths of a second later all motions. The last three of its four entries may be None:
+of a recording. After a change it publishes two documents: one with the predicted motion and its
+curve, and some hundredths of a second later one with all motions. The last three of its four
+entries may be None:
 
 ``time``
-    Rig time of the snapshot that it is for, s. A document with another time than the last snapshot
-    that began a course (a start, a change or a reset) is out of date.
+    Rig time of its snapshot, s. Ignore a document whose time is not that of the last snapshot of a
+    start, a change or a reset.
 ``orbit``
     The expected motion: ``type`` ('orbit'), ``found``, ``text`` (why there is none, or a
     limitation), ``kind`` (that of the motion the rig comes to when it is run ahead, as 'chaotic';
@@ -51,21 +52,21 @@ def theory(
     state: Mapping[str, Any], measured: ObservedMotion | None = None
 ) -> Iterator[tuple[Prediction, dict[str, Any]]]:
     """
-    Compute what theory says of a rig: its motion and the curve of that, then the other motions.
+    Compute the theory of a rig: its motion and the curve of that, then the other motions.
 
     Parameters
     ----------
     state : mapping
         State of a snapshot.
     measured : ObservedMotion or None, optional
-        The motion measured on the rig since.
+        The motion measured on the rig since that snapshot.
 
     Yields
     ------
     prediction : Prediction
-        As `expected_motion.predictions` yields it.
+        A prediction of `expected_motion.predictions`.
     document : dict
-        As the module describes it.
+        The document that the module describes.
     """
     rig = Rig.restore(dict(state), compiled=None)
     curve = GapCurve(rig.parameters)
@@ -106,7 +107,7 @@ def answers(
 
 
 def _in_pieces(value: Any) -> str:
-    """Return a value as JSON, made in pieces: the encoder holds the lock of the interpreter."""
+    """Return a value as JSON, encoded in pieces: the encoder holds the lock of the interpreter."""
     if isinstance(value, dict):
         return f'{{{", ".join(f"{json.dumps(k)}: {_in_pieces(v)}" for k, v in value.items())}}}'
     if isinstance(value, list) and value and isinstance(value[0], dict):
@@ -152,8 +153,8 @@ def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:
         ],
     }
     if drawn is not None:
-        # From the zero of the force on, as the period is repeated. A sort by the phase would
-        # exchange the states before and after an impact, which have the same one.
+        # The period begins at the zero of the force. A sort by the phase would exchange the states
+        # before and after an impact, which have the same phase.
         rows = drawn[:-1]
         turn = int(np.searchsorted(rows[:, 0], expected.cycles))
         rows = np.concatenate([rows[turn:], rows[:turn]])

@@ -29,16 +29,16 @@ from .prediction import Basis, ObservedMotion, Prediction
 _MOST_CYCLES_AHEAD = 1500
 _CYCLES_BETWEEN_LOOKS = 25
 _MOST_EVENTS = 50_000
-#: It has settled if states a period apart agree to this, relative to the size of the motion.
+#: The rig has settled if states a period apart agree to this, relative to the size of the motion.
 _SETTLED = 1e-5
-#: The same for other attractors, from other starts.
+#: That of other attractors, from other starts.
 _ELSEWHERE = 600
-#: A solution is the motion of the rig if it is as near to it as this.
+#: Largest distance of a solution from the motion of the rig.
 _NEAR = 1e-2
 _SAME = 1e-6
 #: Longest period of the force, in cycles of its first harmonic.
 _LONGEST_FORCE = 8
-#: Most impacts of a motion that is searched for without its states: with more, it takes minutes.
+#: Most impacts of a motion that is searched for without its states: more take minutes.
 _MOST_SOUGHT = 32
 
 
@@ -77,11 +77,11 @@ class _Orbits:
     def search(
         self, parameters: RigParameters, stops: tuple[int, ...], cycles: int, simulate: bool
     ) -> None:
-        """Look for the motions with these stops."""
+        """Search for the motions with these stops."""
         try:
             found = find_orbits(parameters, stops, cycles, simulate=simulate)
         except OrbitError:
-            # This rig cannot have them, such as both stops of a one-sided one
+            # This rig cannot have such motions, such as those on both stops of a one-sided rig.
             return
         for orbit in found.orbits:
             self.add(orbit)
@@ -114,13 +114,13 @@ class _Orbits:
         """Return the predicted motion into which a rig has settled, and keep it."""
         if found.rhythm is None:
             return None
-        # The strongest impact, which round-off least decides
+        # The strongest impact: round-off matters least there.
         impact = max(found.impacts, key=lambda event: abs(event.impulse))
         motion = ObservedMotion(found.rhythm, impact, found.phase(impact.time))
         return self.like(parameters, motion)
 
     def predict(self, orbit: PeriodicOrbit | None, basis: Basis, why_not: str = '') -> Prediction:
-        """Predict a motion, or without one the first that the rig can have."""
+        """Predict a motion; if none is given, the first that the rig can have."""
         if orbit is not None:
             return Prediction(tuple(self.all), orbit, basis)
         first = self.all[0] if self.all and self.all[0].viable else None
@@ -137,13 +137,13 @@ def predictions(rig: Rig, measured: ObservedMotion | None = None) -> Iterator[Pr
         The rig, in its present state, which does not change. While a law moves its stops, nothing
         is predicted.
     measured : ObservedMotion or None, optional
-        The motion measured on it since.
+        The motion measured on the rig since its state.
 
     Yields
     ------
     Prediction
         The predicted motion, and once more, `complete`, with the others. For a rig without a
-        periodic force there is only one, which gives the reason.
+        periodic force there is only one prediction, which gives the reason.
     """
     if rig.control.active:
         reason = f'gap_control is {rig.control.gap_control}: theory is for stops that do not move'

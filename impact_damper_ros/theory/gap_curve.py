@@ -16,13 +16,14 @@ from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-#: Factor from the present gap to the ends of the range that is followed, and how often, by which
-#: factor, a branch is followed beyond an end at which M moves least.
+#: Factor from the present gap to the ends of the range that is followed; number of times that a
+#: branch is followed beyond an end at which M moves least, and the factor of each.
 _SPAN = 4.0
 _MOST_FURTHER, _FURTHER = 4, 2.0
 #: Most points of a branch in each direction, and most branches.
 _MOST_POINTS, _MOST_BRANCHES = 150, 4
-#: Relative difference of the largest |X| of two solutions for one motion, or its mirror image.
+#: Relative difference of the largest |X| up to which two solutions are one motion, or mirror
+#: images.
 _SAME = 1e-6
 
 
@@ -55,7 +56,7 @@ class GapBranch:
 
     @cached_property
     def bound(self) -> str:
-        """Where the best gap is if M moves least at an end: 'at least' there, or 'at most'."""
+        """Where M moves least at an end: 'at least' or 'at most', of the best gap."""
         best, points = self.best, self.branch.points
         if best is None or len(points) < 2:
             return ''
@@ -85,7 +86,7 @@ def follow_gap(orbit: PeriodicOrbit) -> GapBranch | None:
     """
     Follow a motion from a quarter to four times its gap; None where it cannot be followed.
 
-    It is followed further while M moves least at an end.
+    The motion is followed further while M moves least at an end.
     """
     gap = orbit.parameters.gap
     try:
@@ -111,7 +112,7 @@ class GapCurve:
 
     def __init__(self, rig: RigParameters) -> None:
         self._rig = rig
-        # By which the largest |X| is multiplied; the amplitude A does not depend on the gap.
+        # Factor from the largest |X| to Xmax/A; the amplitude A does not depend on the gap.
         self._ratio = rig.x_max_ratio(1.0)
         self._branches: list[GapBranch] = []
 
@@ -156,7 +157,7 @@ class GapCurve:
         }
 
     def _columns(self, one: GapBranch) -> dict[str, Any]:
-        """Return a branch for JSON."""
+        """Return the columns of a branch for JSON."""
         points = one.branch.points
         return {
             'label': name_of(one.start),

@@ -9,7 +9,7 @@ from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.response import Array
 from impact_damper_ros.orbits.solved_orbits import flights_of
 
-#: Points per cycle of the force, and the most in a period, but for the ends of its flights.
+#: Points per cycle of the force, and most points in a period, without the ends of its flights.
 _PER_CYCLE, _MOST = 250, 1500
 
 

@@ -27,7 +27,7 @@ class ObservedMotion:
     impact : Event
         The last impact.
     phase : float
-        Its instant in cycles of the force since its zero angle.
+        Instant of that impact in cycles of the force since its zero angle.
     """
 
     rhythm: Rhythm
@@ -45,18 +45,18 @@ class Prediction:
     orbits : tuple of PeriodicOrbit
         Different motions; stable and viable ones first, then viable, then the others.
     expected : PeriodicOrbit or None
-        The predicted one of them.
+        The predicted motion among them.
     basis : str
-        Why that one.
+        Why that motion is the predicted one.
     reason : str
-        Why there is none, or a limitation of the choice.
+        Why there is no predicted motion, or a limitation of the choice.
     complete : bool
         Whether this is the last answer.
     kind : str
-        Kind of the motion that the rig comes to when it is run ahead (`MotionKind`); empty if it
-        was not, or if the predicted motion is the measured one.
+        Kind of the motion that the rig reaches when it is run ahead (`MotionKind`); empty without
+        such a run, or if the predicted motion is the measured one.
     applies : bool
-        Whether the theory covers such a rig at all.
+        Whether the theory covers such a rig.
     error : str
         Why the search failed; empty if it did not.
     """

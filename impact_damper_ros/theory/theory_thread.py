@@ -16,7 +16,7 @@ _OFF = 'theory is switched off: predict_motion is false'
 
 
 class _Request(NamedTuple):
-    """What is asked: a rig, what was measured on it, and whether a document is wanted."""
+    """A request: a rig, the motion measured on it, and whether a document is wanted."""
 
     state: Mapping[str, Any]
     measured: ObservedMotion | None
@@ -25,7 +25,7 @@ class _Request(NamedTuple):
 
 class TheoryThread:
     """
-    What theory says of the present rig.
+    The theory of the present rig.
 
     A request is computed in a thread, whose kernels hold no lock of the interpreter. A newer
     request takes its place as soon as the older one has an answer. The methods return at once.
@@ -38,7 +38,7 @@ class TheoryThread:
     Attributes
     ----------
     course : int
-        Number of rigs that were asked for so far.
+        Number of requested rigs so far.
     prediction : Prediction or None
         The newest prediction for the last of these rigs; None until there is one.
     document : str
@@ -47,7 +47,7 @@ class TheoryThread:
     done : bool
         Whether no more answers are to come.
     enabled : bool
-        Whether anything is computed.
+        Whether the theory is computed.
     """
 
     def __init__(self, on_answer: Callable[[], object] = lambda: None) -> None:
@@ -57,7 +57,7 @@ class TheoryThread:
         self.done = self.enabled = True
         self._on_answer = on_answer
         self._documents = self._closed = False
-        # The newest request, for as long as it counts, and whether it has to be begun
+        # The newest request, as long as it counts, and whether it waits to be begun
         self._request: _Request | None = None
         self._waiting = False
         self._news = threading.Condition()
@@ -65,7 +65,7 @@ class TheoryThread:
         self._thread.start()
 
     def ask(self, state: Mapping[str, Any]) -> None:
-        """Request the theory of a rig, given by the state of a snapshot, and forget the last."""
+        """Request the theory of a rig, given by a snapshot's state, in place of the last one."""
         with self._news:
             self.course += 1
             self._request = _Request(state, None, self._documents)
@@ -74,7 +74,7 @@ class TheoryThread:
             self._begin()
 
     def ask_like(self, measured: ObservedMotion) -> None:
-        """Request the theory of the same rig once more, given how it was measured to move."""
+        """Request the theory of the same rig once more, given its measured motion."""
         with self._news:
             if self._request is not None:
                 self._request = self._request._replace(measured=measured)
@@ -114,7 +114,7 @@ class TheoryThread:
     # The thread
 
     def _run(self) -> None:
-        # The modules of theory take seconds to load, for which nobody has to wait.
+        # The modules of theory take seconds to load: they are loaded in the thread.
         from .documents import answers
 
         loaded = False
@@ -137,6 +137,6 @@ class TheoryThread:
                     if self._news.wait_for(lambda: self._waiting or self._closed, _QUIET_S):
                         break
             if not loaded:
-                # The garbage collector need not go through all that has been loaded.
+                # The garbage collector need not visit everything that has been loaded.
                 gc.freeze()
                 loaded = True
