@@ -2,9 +2,9 @@
 """
 Console commands of the package; every one also runs as ``ros2 run impact_damper_ros NAME``.
 
-A command imports for up to a second before it can handle a signal. An exception would then come
-up anywhere in the import system, so until the command runs Ctrl-C ends the process as it ends one
-that handles no signals. A program that only imports a command keeps its own handler and streams.
+A command imports for up to a second before it can handle a signal. An exception in that time could
+be raised anywhere in the import system: until the command runs, Ctrl-C ends the process at once. A
+program that only imports a command keeps its own handler and streams.
 """
 
 import os
@@ -19,11 +19,11 @@ def _is_command() -> bool:
 
 
 def _accept_surroundings() -> None:
-    """Print characters that the terminal does not have, and draw into files, whatever is set."""
+    """Print any character in any terminal, and draw into files, whatever the environment sets."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
-    # A notebook has a backend of its own, which a command started from it cannot use
+    # The backend of a notebook cannot be used by a command that the notebook starts.
     os.environ['MPLBACKEND'] = 'agg'
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all commands share: parser, common options, progress, messages and exit codes."""
+"""The common parts of all commands: parser, options, progress, messages and exit codes."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ EXIT_FAILED, EXIT_INPUT = 1, 2
 MISSING_ROS = 'rclpy is missing: source ROS 2, or install the extra [ros]'
 
 
-#: What a command that takes ``--most-events`` also advises where a rig has more.
+#: Further remedy of a command with ``--most-events`` where a rig has too many events.
 ALLOW_MORE = ', or allow more with --most-events'
 
 
 class CommandError(Exception):
-    """The command cannot continue, for the reason in the message; `code` is the exit code."""
+    """The command cannot continue; the message has the reason, `code` the exit code."""
 
     def __init__(self, message: str, code: int = EXIT_INPUT) -> None:
         super().__init__(message)
@@ -65,7 +65,7 @@ def say(command: str, message: object) -> None:
 
 
 class _Notices(logging.Handler):
-    """Print what the library logs, in whichever process, as lines of a command; each line once."""
+    """Prints log messages of the library as lines of a command, each line once."""
 
     def __init__(self, command: str) -> None:
         super().__init__(logging.WARNING)
@@ -81,7 +81,7 @@ class _Notices(logging.Handler):
 
 @contextmanager
 def _notices(command: str) -> Iterator[None]:
-    """Print what the library logs while a command runs."""
+    """Print the log messages of the library while a command runs."""
     library, handler = logging.getLogger('impact_damper_ros'), _Notices(command)
     library.addHandler(handler)
     try:
@@ -92,14 +92,14 @@ def _notices(command: str) -> Iterator[None]:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM, as from ``timeout``, end the work; one that is ignored stays so."""
+    """Let Ctrl-C and SIGTERM, as from ``timeout``, end the work, unless they are ignored."""
 
     def interrupt(number: int, _: object) -> None:
         raise KeyboardInterrupt(number)
 
     def interrupt_again(ignored: sys.UnraisableHookArgs) -> None:
         if isinstance(ignored.exc_value, KeyboardInterrupt):
-            # It came up in a destructor or a callback, where exceptions end.
+            # The exception was raised in a destructor or a callback, where Python drops it.
             threading.Timer(0.1, os.kill, (os.getpid(), *ignored.exc_value.args)).start()
         else:
             sys.__unraisablehook__(ignored)
@@ -124,7 +124,7 @@ def discard_output() -> None:
 
 
 def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupted') -> int:
-    """Do the work of a command, and return its exit code; report an error in a line."""
+    """Run the work of a command, and return the exit code; report an error in a line."""
     message: object
     try:
         with _notices(command), _interruptible():
@@ -145,14 +145,14 @@ def outcome(command: str, work: Callable[[], int], interrupted: str = 'interrupt
     except OSError as error:
         message, code = output_fault(error), EXIT_FAILED
         if error.filename is None:
-            # Not to be reported once more at exit
+            # Python would report the error again at exit.
             discard_output()
     say(command, message)
     return code
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that also answers the shell's completion, and reports as the commands do."""
+    """A parser that also answers shell completion, and reports errors as the commands do."""
 
     def __init__(self, *arguments: Any, needs: Sequence[Need] = (), **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -165,14 +165,14 @@ class _Parser(argparse.ArgumentParser):
         options = [a for a in self._actions if a.option_strings and a.default != SUPPRESS]
         defaults = {action.dest: action.default for action in options}
         for action in options:
-            # Without, what is given cannot be distinguished from a default
+            # Without this a given value could not be distinguished from a default.
             action.default = SUPPRESS
         given = vars(super().parse_args(words, namespace))
         check_needs(self, given, self._needs)
         return argparse.Namespace(**{**defaults, **given})
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
-        # What was printed may not be written yet, and perhaps cannot be.
+        # Printed text may not be written yet, and perhaps cannot be.
         status = status or outcome(self.prog, lambda: 0)
         super().exit(status, message and as_message(message.rstrip()) + '\n')
 
@@ -181,7 +181,7 @@ def command_parser(
     command: str, description: str, epilog: str = '', needs: Sequence[Need] = ()
 ) -> argparse.ArgumentParser:
     """
-    Return the parser of a command, with ``--version``; line breaks of the texts stay.
+    Return the parser of a command, with ``--version``; it keeps line breaks of the texts.
 
     An option whose `needs` are not given is refused.
     """
@@ -199,7 +199,7 @@ def command_parser(
 
 
 def path_of(text: str) -> Path:
-    """Return a path that was given; an empty one may be a shell variable that is not set."""
+    """Return a path; an empty one, as of an unset variable of the shell, is refused."""
     if not text:
         raise argparse.ArgumentTypeError('the name is empty: give that of a file or directory')
     return Path(text)
@@ -243,7 +243,7 @@ def add_json_option(parser: argparse._ActionsContainer, what: str = 'the result'
 
 
 def add_quiet_option(parser: argparse.ArgumentParser, what: str) -> None:
-    """Let a command take ``--quiet``, which leaves something out."""
+    """Let a command take ``--quiet``, which leaves out the progress bar and `what`."""
     parser.add_argument('--quiet', action='store_true', help=f'no progress bar and no {what}')
 
 
@@ -262,7 +262,7 @@ def add_most_events_option(parser: argparse.ArgumentParser, whose: str = '') -> 
 def number_in(
     low: float, high: float, unit: str = '', *, whole: bool = False
 ) -> Callable[[str], float]:
-    """Return a reader of numbers in a range, for `argparse`."""
+    """Return a function that reads numbers in a range, for `argparse`."""
     span = f'{low} to {high}' if whole else f'{low:g} to {high:g}'
     words = f'give a {"whole " * whole}number from {span} {unit}'.rstrip()
 
@@ -277,7 +277,7 @@ def number_in(
 
 
 def up_to(largest: int) -> Callable[[str], float]:
-    """Return a reader of whole numbers from 1 to the largest one, for `argparse`."""
+    """Return a function that reads whole numbers from 1 to the largest, for `argparse`."""
     return number_in(1, largest, whole=True)
 
 
@@ -306,7 +306,7 @@ def write_json(path: Path | None, result: Any) -> None:
 
 
 def write_output(path: Path | None, text_of: Callable[..., str], *args: object) -> None:
-    """Write what a function returns to the file given by an option, if any."""
+    """Write the text that a function returns to the file given by an option, if any."""
     if path is not None:
         write_text(path, text_of(*args))
 
@@ -339,12 +339,12 @@ def check_outputs(arguments: argparse.Namespace, *inputs: Path | None) -> None:
     """
     Raise an error before the work if an output could not be written after it.
 
-    As well if it is one of the inputs, or within one.
+    An output that is an input, or within one, raises an error, too.
     """
     given = vars(arguments)
     figures = given.get('figure') or []
     figures = figures if isinstance(figures, list) else [figures]
-    # What counts impacts has another type
+    # An option that counts impacts has another type.
     paths = [given[n] for n in _OUTPUTS if isinstance(given.get(n), Path)]
     if [str(path) for path in paths].count('-') > 1:
         raise ValueError('two outputs go to the standard output: give one of them a file')
@@ -376,7 +376,7 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
         desc=what,
         delay=1.0,
         leave=False,
-        # Steps may become small: looked at is the clock, not how far they are.
+        # Steps may become small: the bar is renewed by the clock, not by the number of steps.
         miniters=0,
         disable=True if quiet else None,
         bar_format='{l_bar}{bar}| {n:.0f}/{total:.0f} '
@@ -385,7 +385,7 @@ def progress_bar(what: str, total: float, unit: str, *, quiet: bool = False) -> 
     )
 
 
-#: Time between two lines on how far work is, where there is no terminal for a progress bar, s.
+#: Time between two lines on progress, where there is no terminal for a progress bar, s.
 _REPORT_PERIOD = 15.0
 
 
@@ -394,9 +394,9 @@ def share_done(
     command: str, what: str, count: int, *, quiet: bool = False
 ) -> Iterator[Callable[[float], None]]:
     """
-    Show how far work is, in a progress bar or, without a terminal, in a line now and then.
+    Show progress in a bar or, without a terminal, in a line now and then.
 
-    Yields what is to be called with how much is done, out of `count`.
+    Yields a function that takes the amount done, out of `count`.
     """
     with progress_bar(what, 100.0 * count, '%', quiet=quiet) as bar:
         reported = time.monotonic()
@@ -417,7 +417,7 @@ PATIENCE = 5.0
 
 @contextmanager
 def long_work(command: str, message: str, *, quiet: bool = False) -> Iterator[None]:
-    """Print what takes long, once it has taken `PATIENCE`."""
+    """Print a message once the work has taken `PATIENCE`."""
     notice = threading.Timer(PATIENCE, say, (command, message))
     notice.daemon = True
     if not quiet:

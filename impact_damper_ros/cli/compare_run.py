@@ -100,7 +100,7 @@ def _parser() -> argparse.ArgumentParser:
 def _each(
     arguments: argparse.Namespace, purpose: str, work: Callable[..., _Result]
 ) -> list[_Result]:
-    """Do something with each run that was asked for, with a progress bar."""
+    """Apply `work` to each requested run, with a progress bar."""
     how = {'purpose': purpose, 'law': arguments.law}
     bags = (runs_of(bag, arguments.node, arguments.run, **how) for bag in arguments.bag)
     runs, quiet = [run for bag in bags for run in bag], arguments.quiet
@@ -112,7 +112,7 @@ def _each(
 
 
 def _write_report(arguments: argparse.Namespace, comparison: RunComparison, command: str) -> Path:
-    """Write the report of a run, of several runs each into a directory of its own."""
+    """Write the report of a run; of several runs each into another directory."""
     from impact_damper_ros.report.html_report import MOST_DETAILED, write_report
 
     directory = arguments.report
@@ -124,7 +124,7 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
 
 
 def _score_recordings(arguments: argparse.Namespace) -> int:
-    """Score recordings, and write what was asked for."""
+    """Score recordings, and write the requested outputs."""
     from impact_damper_ros.compare.score import score_run
     from impact_damper_ros.report.score_report import score_figure, score_table, score_text
 

@@ -12,7 +12,7 @@ from impact_damper_ros.parameters.parameters_file import presets
 
 
 def complete(parser: argparse.ArgumentParser) -> None:
-    """Answer a shell that asks how a command goes on, and end; return if none does."""
+    """Answer a request of the shell for completion, and end; return if there is none."""
     if '_ARGCOMPLETE' not in os.environ:
         return
     from argcomplete import autocomplete

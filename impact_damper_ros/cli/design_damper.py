@@ -47,22 +47,23 @@ from .command_line import (
 from .rig_options import given_rig, hint, rig_line
 
 EXIT_NONE = 3
-#: Mass ratios that are tried if none are given.
+#: Mass ratios that are tried by default.
 MASS_RATIOS = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1)
 _LEVELS = (0.5, 2.0)
-#: That of a structure whose damper is still to be found.
+#: Mass ratio of a structure whose damper is not designed yet.
 _ANY_MASS_RATIO = 0.05
 
-#: Restitution if none is given.
+#: Restitution by default.
 _RESTITUTION = 0.6
 #: A range as it is written in a text.
 _DASHED = re.compile(r'([\d.]+%?) ?[-–] ?([\d.]+%?)')
 
 _DESCRIPTION = """\
-From a structure to its impact damper: how heavy, which gap, and how sure. For each mass the gap
-with which the structure moves least at the given excitation, whether a rig from rest gets there,
-and how far gap, level and frequency may go; then the gap whose worst case is best where
-restitution and level are uncertain, and the same mass as a tuned mass damper.
+From a structure to its impact damper: its mass, its gap, and their margins. For each mass it finds
+the gap with which the structure moves least at the given excitation, whether a rig from rest
+reaches that motion, and the ranges of gap, level and frequency; then the gap whose worst case is
+best where restitution and level are uncertain, and compares the damper with tuned mass dampers of
+the same mass.
 With --fitted the structure and its uncertainty are those of a fit.
 With --check no damper is designed: it lists which runs of a rig to record on a bench.
 """
@@ -80,7 +81,7 @@ Examples:
 
 
 def _value(name: str) -> Callable[[str], float]:
-    """Return a reader of a number of a parameter, with its unit."""
+    """Return a function that reads the number of a parameter, with its unit."""
     spec: ParameterSpec = RIG_SPECS[name]
 
     def read(text: str) -> float:
@@ -94,7 +95,7 @@ def _value(name: str) -> Callable[[str], float]:
 
 
 def _range(name: str) -> Callable[[str], tuple[float, float]]:
-    """Return a reader of a number or a range of a parameter."""
+    """Return a function that reads a number or a range of a parameter."""
     one = _value(name)
 
     def read(text: str) -> tuple[float, float]:
@@ -113,7 +114,7 @@ def _range(name: str) -> Callable[[str], tuple[float, float]]:
 
 
 def _size(text: str) -> str:
-    """Return the size of a motion with a point for a decimal comma, which is one number here."""
+    """Return the size of a motion with a point for a decimal comma: it is a single number."""
     number, unit, other = split_number(text)
     return text if number is None or other else f'{number!r} {unit}'
 
@@ -239,7 +240,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-#: The structure by option, and what of a fit each takes the place of.
+#: Options of the structure, and the entries of a fit that each replaces.
 _STRUCTURE = {
     'mass': ('primary_mass', 'primary_mass'),
     'frequency': ('natural_frequency', 'stiffness'),
@@ -250,7 +251,7 @@ _Ranges = dict[str, tuple[float, float]]
 
 
 def _rig(arguments: argparse.Namespace) -> tuple[RigParameters, _Ranges]:
-    """Return the structure with a damper of some mass, and what is uncertain of it."""
+    """Return the structure with a damper of some mass, and its uncertain parameters."""
     fitted = None if arguments.fitted is None else load_fitted(arguments.fitted)
     values, ranges = (dict(fitted.values), dict(fitted.ranges)) if fitted else ({}, {})
     for option, (name, replaced) in _STRUCTURE.items():
@@ -293,7 +294,7 @@ def _shaken(arguments: argparse.Namespace, values: dict[str, Any]) -> RigParamet
     )
     rate = math.tau * arguments.at if arguments.at else plain.omega
     if arguments.base is not None:
-        # With its unit, which says whether it is an acceleration
+        # The unit decides whether it is an acceleration.
         base = {'base_amplitudes': arguments.base, 'base_frequencies': rate}
         return plain.replace(force_amplitudes=0.0, force_frequencies=rate, **base)
     if arguments.force is not None:
@@ -381,7 +382,7 @@ def _write(
     compared: Comparison,
     plan: Sequence[PlannedRun],
 ) -> None:
-    """Write and print all that was asked for."""
+    """Write and print the requested outputs."""
     title = rig_line(chosen.built)
     write_json(arguments.json, report.design_json(found, chosen, unsure, compared, plan))
     write_output(arguments.csv, report.design_csv, found)

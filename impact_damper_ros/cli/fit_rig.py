@@ -45,14 +45,14 @@ if TYPE_CHECKING:
     from impact_damper_ros.fit.recorded_motion import TopicMessages
     from impact_damper_ros.fit.structure import StructureFit
 
-#: What may be fitted besides, see `fit.rig_fit.FURTHER`.
+#: Further parameters that may be fitted, see `fit.rig_fit.FURTHER`.
 _FURTHER = (
     *('restitution_2', 'restitution_speed', 'bias', 'force_delay'),
     *('damper_mass', 'primary_mass'),
 )
 #: Constants whose uncertainty may be given, see `fit.unknowns.CONSTANTS`.
 _UNCERTAIN = ('damper_mass', 'primary_mass', 'force_amplitudes', 'base_amplitudes')
-#: Largest uncertainty that is no guess of the constant, %.
+#: Largest uncertainty of a constant, %; a larger one would mean a guess.
 _MOST_UNCERTAIN = 30.0
 
 _DESCRIPTION = """\
@@ -197,7 +197,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
-    """Return the messages of a live topic, and of those beside it."""
+    """Return the messages of a live topic, and of other topics of its rig."""
     if find_spec('rclpy') is None:
         raise CommandError(MISSING_ROS)
     from impact_damper_ros.bag.topic_columns import TYPES
@@ -216,7 +216,7 @@ def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
 def _recorded_messages(
     arguments: argparse.Namespace, options: ReadingOptions
 ) -> TopicMessages | None:
-    """Return the messages of a live topic, or of that of a bag; None for a file of columns."""
+    """Return the messages of a live topic, or of one in a bag; None for a file of columns."""
     from impact_damper_ros.fit.recorded_motion import TopicMessages, bag_messages, is_bag
 
     if arguments.data is None:
@@ -312,7 +312,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _look(arguments: argparse.Namespace) -> int:
-    """Draw what is read, and say why it cannot be used, if so."""
+    """Draw the data as they are read, and print the reason if they cannot be used."""
     from impact_damper_ros.report.look_figure import look_figure, message_columns, raw_columns
 
     options, problem, data = _options(arguments), None, None

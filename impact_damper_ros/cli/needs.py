@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What an option of a command needs to have an effect; one that would be ignored is refused.
+The conditions under which an option of a command has an effect; otherwise it is refused.
 
 A row of a table `NEEDS` is an option, and terms of which one must hold: ``--bag`` is given, or
-``FILE`` (a positional argument), or ``--optimum none`` with that value; ``no --score`` is not
-given. The single term ``only PARAMS --set`` allows no other arguments beside it.
+``FILE`` (a positional argument), or ``--optimum none`` with that value; ``no --score``: the option
+is not given. The single term ``only PARAMS --set`` allows no other arguments.
 """
 
 from __future__ import annotations

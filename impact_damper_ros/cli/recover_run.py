@@ -38,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-#: Faults, and characters of a name from a file, that are shown.
+#: Most faults, and most characters of a name from a file, that are shown.
 _MOST_FAULTS = 20
 _MOST_SHOWN = 100
 
@@ -48,7 +48,7 @@ def _short(name: str) -> str:
 
 
 def recovery_report(recovery: Recovery) -> str:
-    """Return a report of what was saved, topic by topic."""
+    """Return a report of the saved messages, topic by topic."""
     seconds = (recovery.end_ns - recovery.start_ns) / 1e9
     lines = []
     if recovery.was_complete:

@@ -102,7 +102,7 @@ def _parser() -> argparse.ArgumentParser:
 def _held_values(
     settings: Sequence[str], logged: Setting
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Read ``--set`` options; return the parameters that are held, and the initial conditions."""
+    """Read ``--set`` options; return the overridden parameters and initial conditions."""
     given = GivenRig(logged.rig, InitialConditions(), logged.control)
     rig, initial, control, _ = overridden(settings, given)
     changed, start = Setting(rig, control).as_dict(), initial.as_dict()
@@ -119,7 +119,7 @@ def _held_values(
 def _what_if(
     arguments: argparse.Namespace, replay: Replay, stack: ExitStack
 ) -> tuple[WhatIf | None, RunPair | None]:
-    """Return the rig of ``--set``, and what collects both runs; None without it."""
+    """Return the rig of ``--set``, and the collector of both runs; None without ``--set``."""
     if not arguments.set:
         return None, None
     logged = Setting.of(replay.start.state)
@@ -183,7 +183,7 @@ def _replay(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int, 
 
 
 def _runs(arguments: argparse.Namespace) -> list[RecordedRun]:
-    """Return the runs that are to be replayed."""
+    """Return the runs to replay."""
     runs = runs_of(arguments.bag, arguments.node, arguments.run, law=arguments.law)
     one = arguments.set or arguments.states is not None or arguments.impacts is not None
     if one and len(runs) > 1:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rig that a command is given: a parameters file, ``--set`` and ``--change``."""
+"""The rig of a command: a parameters file, ``--set`` and ``--change``."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class GivenRig(NamedTuple):
     parameters: RigParameters
     initial: InitialConditions
     control: GapControlParameters
-    #: Its law and its records by name and text, as ``control_law``, if it has them
+    #: Texts by name of the law and the records, as ``control_law``, if the rig has them
     texts: Mapping[str, str] = MappingProxyType({})
 
     def with_changes(self, values: Mapping[str, Any]) -> GivenRig:
@@ -69,7 +69,7 @@ class GivenRig(NamedTuple):
         """Return the rig as a parameters file."""
         title = rig_line(self.parameters)
         text = rig_yaml(self.parameters, title, self.initial, self.control)
-        # The paths are those of this directory, the file may be read in another one
+        # Relative paths are made absolute: the file may be read in another directory.
         texts = {
             name: str(Path(text).expanduser().resolve()) if name in RECORDS else text
             for name, text in self.texts.items()
@@ -106,7 +106,7 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_law_option(parser: argparse.ArgumentParser) -> None:
-    """Let a command that takes a rig under gap control take a law of the user's own."""
+    """Let a command with gap control take a law of the user's own."""
     parser.add_argument(
         '--law',
         metavar='MODULE:FUNCTION',
@@ -117,7 +117,7 @@ def add_law_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_recorded_law_option(parser: argparse.ArgumentParser) -> None:
-    """Let a command that replays a bag take the law of the user's own that moved its stops."""
+    """Let a command that replays a bag take the user's own law that moved the stops."""
     parser.add_argument(
         '--law',
         type=_law,
@@ -135,7 +135,7 @@ def _law(text: str) -> OwnLaw:
 
 
 def given_law(text: str | None, given: GivenRig) -> tuple[OwnLaw | None, GivenRig]:
-    """Return the law of ``--law`` or of the file, None without one, and the rig with it."""
+    """Return the law of ``--law`` or of the file, or None, and the rig with this law."""
     if text is not None:
         control = given.control
         on = control if control.active else control.replace(gap_control='timed')
@@ -155,10 +155,10 @@ def given_rig(
     """
     Read the rig of a command from a parameters file or preset, and from ``--set`` options.
 
-    Of a file that describes several rigs, `node` names one.
+    `node` names the rig of a file that describes several.
 
-    A rig under gap control is refused by a command without one, which takes its parameters
-    neither from the file nor by ``--set``; so are records by a command without these.
+    A command without gap control refuses a rig under control, and its parameters in the file and
+    in ``--set``; a command without records refuses records.
     """
     parameters, initial, other = load_parameters(params, node)
     control = GapControlParameters(**_among(other, GAP_CONTROL_SPECS))
@@ -220,7 +220,7 @@ def values_of(
         try:
             values[name] = yaml_value(text)
         except YamlError as error:
-            # The line would be that of a file
+            # The error would name a line of a file.
             reason = str(error).removeprefix('line 1: ')
             raise ValueError(
                 f'{option}{as_name(setting)}: {quote(text)} is not a value: {reason}'
@@ -229,7 +229,7 @@ def values_of(
 
 
 def setting_value(name: str) -> Callable[[str], Any]:
-    """Return a reader of a setting of the node, for `argparse`."""
+    """Return a function that reads a setting of the node, for `argparse`."""
 
     def read(text: str) -> Any:
         try:
@@ -276,7 +276,7 @@ def timed_changes(settings: Sequence[str], given: GivenRig, duration: float) -> 
 def rig_line(
     rig: RigParameters, control: GapControlParameters | None = None, law: str = ''
 ) -> str:
-    """Return the rig that a command works on in a line, with its gap control."""
+    """Return the rig of a command in a line, with its gap control."""
     text = describe_rig(rig)
     if control is not None and control.active:
         text += f'; gap control {law or control.gap_control}'
@@ -290,12 +290,12 @@ def announce(
     *,
     law: str = '',
 ) -> None:
-    """Say which rig a command works on, before it does, and whether a frequency may be in Hz."""
+    """Print the rig of a command before the work, with a hint if a frequency may be in Hz."""
     say(command, rig_line(rig, control, law))
     hint(command, rig)
 
 
 def hint(command: str, rig: RigParameters) -> None:
-    """Say whether a frequency may be in Hz, as `announce` does."""
+    """Print the hint of `announce` if a frequency may be in Hz."""
     if note := frequency_hint(rig):
         say(command, f'note: {note}')

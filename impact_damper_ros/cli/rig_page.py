@@ -2,8 +2,8 @@
 """
 Show a live rig, or a recording, in a browser.
 
-The page is a client in a process of its own. With ``--start`` it starts the node, too, and ends it
-when it ends itself.
+The page is a client in a process of its own. With ``--start`` it also starts the node, and ends
+the node at its own end.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from .command_line import (
 COMMAND = 'rig_page'
 #: Time that a node has to end and to finish its recording, s.
 NODE_END_S = 60.0
-#: How often is looked whether the node lives, s.
+#: Interval at which the page checks that the node runs, s.
 _LOOK_S = 0.2
 #: Time after which a thread hands over the interpreter, s.
 SWITCH_INTERVAL_S = 2e-4
@@ -143,7 +143,7 @@ class _Node:
         libc = ctypes.CDLL(None)
 
         def leave_to_the_page() -> None:
-            # However this process ends, the node does, too; it finishes its recording then.
+            # The node ends with this process in any case, and finishes its recording.
             libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
             # Until the node has its own handler, Ctrl-C in the terminal would stop its imports.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -157,14 +157,14 @@ class _Node:
         )
 
     async def watch(self) -> None:
-        """Report how it has ended, if it does so by itself."""
+        """Report the end of a node that was not ended by the page."""
         while (code := self._process.poll()) is None:
             await asyncio.sleep(_LOOK_S)
         how = f'by signal {-code}' if code < 0 else f'with code {code}'
         self._report(f'the node has ended {how}: start it again with sim_node, or this command')
 
     def end(self) -> None:
-        """End it; kill it if that takes long."""
+        """End the node; kill it if that takes long."""
         if self._process.poll() is None:
             self._process.terminate()
         try:
@@ -190,7 +190,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
 
     gate = Gate(arguments.host, arguments.name)
     recordings = Recordings(arguments.bag or arguments.recordings, listed=arguments.bag is None)
-    # What cannot be shown is rejected before anything starts.
+    # Recordings that cannot be shown are rejected before anything starts.
     if arguments.bag is not None and not recordings.names():
         raise CommandError(f'{arguments.bag} is no bag: give a file .mcap, or a directory of bags')
     if arguments.start is not None:
@@ -243,7 +243,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Raise CommandError if something is missing for the command."""
+    """Raise CommandError if the command lacks a package, ROS or the recording."""
     if find_spec('tornado') is None:
         raise CommandError(
             'tornado, which serves the page, is missing: install python3-tornado, or the package '

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ring_down`: release a rig, and measure what each cycle loses."""
+"""`ring_down`: release a rig, and measure the loss of each cycle."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         check_outputs(arguments, arguments.params)
-        # As the force, records do not act here
+        # Neither the force nor records act here.
         rig = given_rig(
             *(arguments.params, arguments.set, arguments.node),
             with_control=False,

@@ -34,10 +34,10 @@ from impact_damper_ros.report.table import ColumnHead, Table
 from .command_line import EXIT_FAILED, MISSING_ROS, CommandError, command_parser, outcome, say
 from .rig_options import values_of
 
-#: Time in which the rigs of the network become known, and in which one must answer, s;
-#: and longest time for which the diagnostics of one are awaited.
+#: Time for the discovery of rigs, time in which a rig must answer, and longest wait for the
+#: diagnostics of a rig, s.
 DISCOVERY_S, PATIENCE_S, REPORT_S = 1.0, 15.0, 5.0
-#: How often is looked for an answer, s.
+#: Interval at which an answer is looked for, s.
 _LOOK_S = 0.01
 
 _DESCRIPTION = """\
@@ -74,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 class RigParameterClient:
-    """The parameters of a running rig; without a name, of the only one of the network."""
+    """The parameters of a running rig; without a name, of the only rig of the network."""
 
     def __init__(self, node: Any, name: str | None = None) -> None:
         from rclpy.exceptions import NameValidationException
@@ -82,11 +82,12 @@ class RigParameterClient:
         from impact_damper_ros.node.rig_client import PARAMETERS, RigClient
 
         self._node = node
-        # When the rig was found; others of its name may be found after it.
+        # Time at which the rig was found; others of its name may be found later.
         self._found_at = math.inf
         self.name = name or self._only_rig()
         try:
-            # The graph shows services that have clients only: none that a rig alone has
+            # The graph shows a service that has clients only: this client asks for none by which a
+            # rig is recognised.
             self._rig = RigClient(node, self.name, PARAMETERS)
         except NameValidationException as error:
             raise CommandError(
@@ -104,7 +105,7 @@ class RigParameterClient:
         """Raise CommandError if another node has the name of the rig."""
         space, _, name = self.name.rpartition('/')
         counts: list[int] = []
-        # What the rig has found of its network may not have been found here yet.
+        # The rig may have found nodes that this process has not found yet.
         reports = Reports(self._node, self.name)
         end, last = self._found_at + DISCOVERY_S, self._found_at + REPORT_S
         while True:
@@ -129,7 +130,7 @@ class RigParameterClient:
         """Return the node that offers the services of a rig."""
         start = time.monotonic()
         rigs: list[str] = []
-        # Those that are there are found one after the other.
+        # Rigs are discovered one after the other.
         while time.monotonic() < start + (DISCOVERY_S if rigs else PATIENCE_S) and len(rigs) < 2:
             services = dict(self._node.get_service_names_and_types())
             rigs = rig_nodes(services)
@@ -162,7 +163,7 @@ class RigParameterClient:
 
     def set(self, values: Mapping[str, Any]) -> str:
         """
-        Set parameters, all or none; return what waits, in words.
+        Set parameters, all or none; return the waiting ones, in words.
 
         Raises CommandError if the rig rejects them.
         """
@@ -177,7 +178,7 @@ class RigParameterClient:
 
 
 class Reports:
-    """The diagnostics of a rig, as they come."""
+    """The diagnostics of a rig."""
 
     def __init__(self, node: Any, name: str) -> None:
         from diagnostic_msgs.msg import DiagnosticArray as Message
@@ -202,7 +203,7 @@ class Reports:
 
 @contextmanager
 def ros_node(name: str) -> Iterator[Any]:
-    """Join the ROS network as a node that needs no name of its own; signals stay Python's."""
+    """Join the ROS network as a node without a public name; Python keeps its signal handlers."""
     if find_spec('rclpy') is None:
         raise CommandError(MISSING_ROS)
     import rclpy
@@ -210,7 +211,7 @@ def ros_node(name: str) -> Iterator[Any]:
 
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        # Hidden, as are the nodes of the command ros2
+        # The node is hidden, as those of the command ros2 are.
         yield rclpy.create_node(f'_{name}', start_parameter_services=False)
     finally:
         rclpy.try_shutdown()
@@ -245,7 +246,7 @@ def watch(node: Any, name: str) -> None:
     while True:
         for statuses in reports.take():
             print(printable(status_lines(statuses)), end='\n\n', flush=True)
-        # Python looks for a signal in between.
+        # Python handles signals in between.
         time.sleep(0.1)
 
 
@@ -270,7 +271,7 @@ def _set(arguments: argparse.Namespace) -> int:
                 say('set_rig', waits)
             present = rig.values()
         print(parameter_list(given or present, present))
-        # A note that held before is not repeated at each change of something else
+        # A note that was true before is not repeated at each other change.
         if (note := _unit_note(present)) and note != known:
             say('set_rig', f'note: {note}')
         if arguments.watch:

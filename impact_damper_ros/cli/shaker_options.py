@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What shakes a rig by a file: options of commands, and what they mean."""
+"""Options of commands that shake a rig by a file: random lines, levels and records."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def add_random_options(parser: argparse.ArgumentParser) -> None:
         type=number_in(0, 2**31 - 1, whole=True),
         default=1,
         metavar='N',
-        help='seed of their phases [1]',
+        help='seed of the phases of the lines [1]',
     )
 
 
@@ -54,14 +54,14 @@ def add_levels_option(parser: argparse.ArgumentParser) -> None:
     add_path_option(
         parser,
         '--sweep-levels',
-        'levels of a sweep over frequency, for one that is notched: CSV with a header, as '
+        'levels of a notched sweep over frequency: CSV with a header, as '
         'f [Hz], level [g] (or m/s^2, m/s, mm: the base; N: the force on M); a straight line '
         'between points on logarithmic axes, constant beyond them',
     )
 
 
 def with_sweep_levels(arguments: argparse.Namespace, given: GivenRig) -> GivenRig:
-    """Return a rig with the levels of the table of the option; one line is swept."""
+    """Return a rig whose single swept line has the levels of the table of the option."""
     if arguments.sweep_levels is None:
         return given
     values, columns = sweep_levels(arguments.sweep_levels)
@@ -80,7 +80,7 @@ def with_sweep_levels(arguments: argparse.Namespace, given: GivenRig) -> GivenRi
 def with_random_lines(
     arguments: argparse.Namespace, given: GivenRig
 ) -> tuple[GivenRig, list[RandomLines]]:
-    """Return a rig with the lines of the tables of the options, and these."""
+    """Return a rig with the lines of the tables of the options, and the lines."""
     found: list[RandomLines] = []
     values: dict[str, Any] = {}
     tables = (arguments.base_psd, 'acceleration'), (arguments.force_psd, 'force')
@@ -120,9 +120,9 @@ def with_records(
     arguments: argparse.Namespace, given: GivenRig
 ) -> tuple[GivenRig, list[MeasuredRecord]]:
     """
-    Return a rig with the records of the options, and all that it has.
+    Return a rig with the records of the options, and all its records.
 
-    The run lasts as long as the longest, if its duration is not given.
+    The run lasts as long as the longest record, if its duration is not given.
     """
     options = {n: str(path) for n in RECORDS if (path := getattr(arguments, n)) is not None}
     given = given._replace(texts={**given.texts, **options})

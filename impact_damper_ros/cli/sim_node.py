@@ -17,7 +17,7 @@ from .command_line import EXIT_INPUT, MISSING_ROS, outcome, say
 
 
 def _missing(words: Sequence[str]) -> str:
-    """Return that ROS, or a parameters file, is missing, instead of a traceback; else nothing."""
+    """Return a message if ROS or a parameters file is missing; else an empty text."""
     if find_spec('rclpy') is None:
         return MISSING_ROS
     for option, name in pairwise(words):
@@ -39,10 +39,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if missing := _missing(words):
         say('sim_node', missing)
         return EXIT_INPUT
-    # Only now, as ROS takes a second to import
+    # Imported here: ROS takes a second to import.
     from impact_damper_ros.node.sim_node import main as run
 
-    # The latter reports an output that cannot be written.
+    # `outcome` reports an output that cannot be written.
     return run(argv) or outcome('sim_node', lambda: 0)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`simulate_rig`: run a rig without ROS; impacts, events and states as CSV, or all as a bag."""
+"""`simulate_rig`: run a rig without ROS, and write impacts, events, states or a bag."""
 
 from __future__ import annotations
 
@@ -106,8 +106,8 @@ A chatter (ever smaller impacts that end in finite time) is written impact by im
 and then once as rest: a row with the same velocities before and after.
 Exit code: 0 if the whole duration was simulated; 1 if the rig has more events than --most-events,
 or a file cannot be written; 2 if an argument is invalid; 130 on Ctrl-C, 143 on SIGTERM. A table
-grows in FILE.part, and replaces FILE when the run is complete; of a run that ends early
-it stays there, and an older FILE as it was.
+grows in FILE.part, and replaces FILE when the run is complete; a run that ends early leaves
+FILE.part, and an older FILE unchanged.
 Example: simulate_rig bench_rig --duration 60 --impacts impacts.csv --set gap=0.03
 """
 
@@ -260,7 +260,7 @@ class _EventTable(Observer):
 
     def __init__(self, rig: Rig, table: CsvTable) -> None:
         self._rig, self._table = rig, table
-        # Before the events to come
+        # The frequency before the next events
         self._sweep = rig.sweep
 
     def take_change(
@@ -297,7 +297,7 @@ class _StateTable(Observer):
 def _outputs(
     arguments: argparse.Namespace, given: GivenRig, rig: Rig, stack: ExitStack
 ) -> Iterator[Observer]:
-    """Open the tables and the bag that are asked for."""
+    """Open the requested tables and the bag."""
     if (table := open_table(arguments.impacts, IMPACT_COLUMNS, stack)) is not None:
         yield _ImpactTable(table)
     if (table := open_table(arguments.events, EVENT_COLUMNS, stack)) is not None:
@@ -380,7 +380,7 @@ def _rig(given: GivenRig, law: OwnLaw | None, records: Sequence[MeasuredRecord])
 def _swept_run(
     arguments: argparse.Namespace, rig: Rig, records: Sequence[MeasuredRecord]
 ) -> SweptRun | None:
-    """Return what takes the response to a sweep; None where it is not wanted."""
+    """Return the observer of the response to a sweep; None without the option."""
     if arguments.response is not None and rig.parameters.sweep_mode == 'off':
         raise CommandError('--response needs a sweep: give --set sweep_mode=up, too')
     if rig.parameters.sweep_mode == 'off' or not (arguments.response or arguments.figure):
@@ -403,7 +403,7 @@ def _write_sweep(arguments: argparse.Namespace, rig: RigParameters, found: Swept
 
 
 def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None:
-    """Return what samples the response to a base of many lines; None for any other rig."""
+    """Return the observer of the response to a base of many lines; None for another rig."""
     wanted = arguments.transmissibility is not None
     if sum(map(bool, rig.parameters.base_motion.amplitudes)) < 2:
         if wanted:
@@ -420,7 +420,7 @@ def _response(arguments: argparse.Namespace, rig: Rig) -> ResponseSamples | None
 
 
 def _check_size(arguments: argparse.Namespace) -> None:
-    """Raise ValueError if more samples are asked for than any file should have."""
+    """Raise ValueError if the samples are too many for a file."""
     samples = arguments.rate * arguments.duration
     if (arguments.states or arguments.recording) and samples > _MOST_SAMPLES:
         raise ValueError(
@@ -430,13 +430,13 @@ def _check_size(arguments: argparse.Namespace) -> None:
 
 
 def _place_of_output(arguments: argparse.Namespace) -> str:
-    """Return where the output of a run that ends early is."""
+    """Return the places of the output of a run that ends early."""
     tables = [arguments.impacts, arguments.events, arguments.states]
     files = [path for path in tables if path is not None and str(path) != '-']
     places = [str(path) if is_stream(path) else f'{path}.part' for path in files]
     if arguments.recording is not None:
         places.append(str(arguments.recording))
-    return f'what was simulated is in {" and ".join(places)}' if places else 'nothing is written'
+    return f'the output so far is in {" and ".join(places)}' if places else 'nothing is written'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -475,7 +475,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             if beside and arguments.force_psd is None and any(given.parameters.force_amplitudes):
                 say(
                     'simulate_rig',
-                    'note: the force of the rig acts, too: --set force_amplitudes=0 leaves it out',
+                    'note: the force of the rig acts, too: --set force_amplitudes=0 switches it '
+                    'off',
                 )
         write_output(arguments.rig_out, given.yaml)
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`solve_periodic`: the periodic motions of a rig, with stability and viability, by theory."""
+"""`solve_periodic`: the periodic motions of a rig by theory, with stability and viability."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def _parser() -> argparse.ArgumentParser:
 def _branches(
     orbit: PeriodicOrbit, name: str, low: float, high: float
 ) -> Iterator[tuple[str, Branch]]:
-    """Yield the branch of a motion, and those that leave it, each with what it is."""
+    """Yield the branch of a motion, and the branches that leave it, each with a title."""
     branch = follow(orbit, name, low, high)
     yield 'motion 1', branch
     for point in branch.special:
@@ -177,7 +177,7 @@ def _branches(
 
 
 class _Search(NamedTuple):
-    """The motions with some impacts in some cycles, by sequence of stops."""
+    """The motions with a number of impacts in a number of cycles, by sequence of stops."""
 
     impacts: int
     cycles: int
@@ -190,12 +190,12 @@ class _Search(NamedTuple):
 
     @property
     def complete(self) -> bool:
-        """Whether there are no others."""
+        """Whether these are all motions."""
         return all(one.report.complete for one in self.found.values())
 
     @property
     def text(self) -> str:
-        """Their numbers in a line."""
+        """Numbers of the motions in a line."""
         viable = sum(orbit.viable for orbit in self.orbits)
         return (
             f'{plural(self.impacts, "impact")} in {plural(self.cycles, "cycle")}: '
@@ -205,7 +205,7 @@ class _Search(NamedTuple):
 
 
 def _stops_text(stops: tuple[int, ...], search: OrbitSearch) -> str:
-    """Return how many motions of a stop sequence were found, in a line."""
+    """Return the number of motions of a stop sequence, in a line."""
     complete, starts, converged = search.report
     line = f'stops {",".join(map(str, stops))}: '
     if complete:
@@ -214,7 +214,7 @@ def _stops_text(stops: tuple[int, ...], search: OrbitSearch) -> str:
 
 
 def _settled_text(found: SettledMotion) -> str:
-    """Return what the rig settles into, in a line."""
+    """Return the motion into which the rig settles, in a line."""
     assert found.rhythm is not None
     assert found.period is not None
     return (
@@ -225,7 +225,7 @@ def _settled_text(found: SettledMotion) -> str:
 
 
 def _settled_orbit(given: GivenRig) -> tuple[SettledMotion, PeriodicOrbit]:
-    """Return the motion that a rig settles into, and that of the theory; or raise CommandError."""
+    """Return the motion into which a rig settles, and that of theory; or raise CommandError."""
     period_of_force(given.parameters, LONGEST_PERIOD)
     found = settle(Rig(given.parameters, given.initial))
     if found.reason:
@@ -249,7 +249,7 @@ def _settled_orbit(given: GivenRig) -> tuple[SettledMotion, PeriodicOrbit]:
 
 
 def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[_Search]:
-    """Look for the motions with each number of impacts in each number of cycles asked for."""
+    """Search for the motions with each requested number of impacts and of cycles."""
     stops, impacts = arguments.stops, arguments.impacts
     if stops is not None and impacts != range(len(stops), len(stops) + 1):
         raise ValueError(
@@ -270,7 +270,7 @@ def _searches(parameters: RigParameters, arguments: argparse.Namespace) -> list[
 def _with_settled(
     given: GivenRig, orbits: list[PeriodicOrbit], arguments: argparse.Namespace
 ) -> list[str]:
-    """Add the motion that a rig settles into, unless it is known; report the end of the search."""
+    """Add the motion into which a rig settles, if it is new; report the end of the search."""
     where = (
         f'the search ends at {plural(arguments.impacts[-1], "impact")} and '
         f'{plural(arguments.cycles[-1], "cycle")}: there may be other motions beyond'
@@ -291,7 +291,7 @@ def _span(counts: range) -> str:
 
 
 def _reports(searches: Sequence[_Search]) -> list[str]:
-    """Say how a search went: a line for each sequence of stops, or of many for each period."""
+    """Print the results of a search: a line for each sequence of stops, or for each period."""
     if len(searches) == 1:
         return [_stops_text(*item) for item in searches[0].found.items()]
     return [search.text for search in searches]
@@ -308,7 +308,7 @@ def _slow_words(rig: RigParameters) -> str:
 
 
 def _check_found(searches: Sequence[_Search], arguments: argparse.Namespace) -> None:
-    """Raise CommandError, since no motion was found that the rig can perform."""
+    """Raise CommandError if no motion was found that the rig can perform."""
     orbits = [orbit for search in searches for orbit in search.orbits]
     asked = (
         f'{_span(arguments.impacts)} impact{"s" * (arguments.impacts[-1] > 1)} in '
@@ -375,7 +375,7 @@ def _solve(arguments: argparse.Namespace) -> int:
 
 
 def _plain(orbit: PeriodicOrbit) -> dict[str, Any]:
-    """Return a motion for JSON, of a moving base with its transmissibility."""
+    """Return a motion for JSON; on a moving base with its transmissibility."""
     plain = orbit.as_dict()
     if orbit.viable and orbit.parameters.base_motion.moves:
         alone = Transmissibility.without_damper(orbit.parameters)
@@ -384,7 +384,7 @@ def _plain(orbit: PeriodicOrbit) -> dict[str, Any]:
 
 
 def _check(arguments: argparse.Namespace, parameters: RigParameters) -> None:
-    """Raise an error before the work if a file could not be written, or a range is not one."""
+    """Raise an error before the work if a file cannot be written, or a range is invalid."""
     check_outputs(arguments, arguments.params)
     if arguments.follow is not None:
         name, low, high = arguments.follow

@@ -240,12 +240,12 @@ def _announce(grid: Grid) -> None:
     if slow and find_spec('numba'):
         say(
             'sweep_rig',
-            f'note: the law {grid.setup.law} is plain Python, and so is then the whole run: with '
+            f'note: the law {grid.setup.law} is plain Python, so that the whole run is, too: with '
             '@numba.njit before its def the sweep takes a fraction of the time',
         )
 
 
-#: Time allowed for the scheduler, and then for one of its workers, to answer, s.
+#: Time in which the scheduler, and then one of its workers, must answer, s.
 _CONNECT_SECONDS = 15.0
 _WORKERS_SECONDS = 15.0
 #: Time after which a sweep without workers ends, s.
@@ -253,7 +253,7 @@ _PATIENCE = 120.0
 
 
 class _Progress:
-    """A bar of the rigs that are done; a cluster without workers is noticed here."""
+    """The bar of finished rigs, which also notices a cluster without workers."""
 
     def __init__(self, grid: Grid, workers: Callable[[], int], *, quiet: bool) -> None:
         self.bar = progress_bar('rigs', grid.size, 'rigs', quiet=quiet)
@@ -262,9 +262,9 @@ class _Progress:
         self._last = time.monotonic()
 
     def __call__(self, done: int) -> None:
-        """Show how many rigs are done."""
+        """Show the number of finished rigs."""
         if not self.done:
-            # Those that were done before have not been run now
+            # Rigs of an earlier run are not counted.
             self.bar.initial = self.bar.n = done
         if done > self.done:
             self.bar.update(done - self.bar.n)
@@ -291,7 +291,7 @@ def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             'install it with "pip install distributed", or the package with its extra [dask]'
         ) from error
     try:
-        # A client that cannot connect waits and complains when it is deleted
+        # A client that cannot connect waits, and logs errors when it is deleted.
         host, _, port = address.rpartition('://')[2].rpartition(':')
         if not port.isdigit():
             raise ValueError('it has no port')
@@ -328,7 +328,7 @@ def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             'memory?'
         ) from error
     finally:
-        # It may answer no more
+        # The scheduler may not answer any more.
         with suppress(OSError):
             client.close(timeout=5)
 

@@ -2,9 +2,10 @@
 """
 Commands of a controller outside the node: the topics `stop_commands` and `force_command`.
 
-The engine's thread takes them from the middleware itself, a few at most wherever the rig stops,
-and nothing else wakes up for them: they are in effect at once, and a flood of them does not change
-the pace. What cannot be carried out is refused, counted, and reported with its reason.
+The engine's thread takes the commands from the middleware itself, a few at most at each stop of
+the rig, and no other thread wakes up for them. They are in effect at once, and a flood of them
+does not change the pace. A command that cannot be carried out is refused, counted, and reported
+with the reason.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from impact_damper_ros.bag.rig_topics import COMMAND_TOPICS
 from impact_damper_ros.parameters.quoting import plural, quote
 from impact_damper_ros.rig.order import Order
 
-#: Messages of a topic that are taken where the rig stops; as many wait there.
+#: Most messages of a topic that are taken at a stop of the rig, and that wait.
 DEPTH = COMMAND_TOPICS['stop_commands'].qos.depth
 
 
@@ -27,7 +28,7 @@ class TopicCommandError(ValueError):
 
 
 class TopicCommand(NamedTuple):
-    """A command: key and name of its topic, stamp or 0 for none, and what is ordered."""
+    """A command: key and name of its topic, stamp or 0 for none, and the order."""
 
     key: str
     topic: str
@@ -36,13 +37,13 @@ class TopicCommand(NamedTuple):
 
 
 class CommandTopic(NamedTuple):
-    """Where commands come from: ``'stop_commands'`` or ``'force_command'``, and its name."""
+    """A topic of commands: its key, ``'stop_commands'`` or ``'force_command'``, and its name."""
 
     key: str
     topic: str
-    take: Callable[[], Sequence[bytes]]  # the messages that have come, at most `DEPTH`
-    publishers: Callable[[], int]  # how many there are
-    #: Returns stamp and order of a message; raises a ValueError that says why it is none
+    take: Callable[[], Sequence[bytes]]  # returns the messages that have come, at most `DEPTH`
+    publishers: Callable[[], int]  # returns the number of publishers
+    #: Returns stamp and order of a message; raises a ValueError with the reason if it has none
     read: Callable[[bytes], tuple[int, Order]]
 
 
@@ -88,7 +89,7 @@ def read_force_command(content: bytes) -> tuple[int, Order]:
 
 
 class CommandInbox:
-    """Takes the commands that have come; for the engine's thread."""
+    """Takes the commands that have come, in the engine's thread."""
 
     def __init__(
         self, topics: Sequence[CommandTopic] = (), wait: Callable[[float], object] = time.sleep

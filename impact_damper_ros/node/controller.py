@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A base class for controllers of a rig: each measurement is answered by a command with its stamp.
+A base class for controllers, which answer each measurement by a command with its stamp.
 
 >>> from impact_damper_ros.node.controller import Controller, run, stops  # doctest: +SKIP
 """
@@ -26,14 +26,14 @@ _PATIENCE_S = 10.0
 
 class Controller(Node):
     """
-    A controller of a rig; `command` is to be defined.
+    A controller of a rig; a derived class defines `command`.
 
     Parameters
     ----------
     name : str
         Name of the node.
     topic, kind : str, type
-        Topic and type of its commands.
+        Topic and type of the commands.
     **parameters : object
         Names and defaults of its parameters.
     """
@@ -61,7 +61,7 @@ class Controller(Node):
         Parameters
         ----------
         time : float
-            Its stamp, s.
+            Stamp of the measurement, s.
         seen : dict
             Position and velocity by joint: `primary`, `damper`, `stop_1`, `stop_2`.
         """
@@ -87,7 +87,7 @@ class Controller(Node):
 
     def _answer(self, measurement: Any) -> None:
         stamp = measurement.header.stamp
-        # In lock-step a measurement comes again if its command is late.
+        # In lock-step a measurement is sent again if its command is late.
         if stamp != self._stamp:
             pairs = zip(measurement.position, measurement.velocity, strict=True)
             seen = dict(zip(measurement.name, pairs, strict=True))

@@ -22,11 +22,11 @@ from .network import NetworkReport
 from .pacing import CATCH_UP_NS
 from .recording import RecordingStatus
 
-#: What may help a rig that takes too long.
+#: Remedy for a rig that takes too long.
 SLOWER = 'give a lower real_time_factor, or a rig with a slower force or softer spring'
-#: A rig that makes no tick for so long and so many ticks is in error, s.
+#: A rig without a tick for this time, s, and for this number of periods is in error.
 SILENT_S, SILENT_TICKS = 5.0, 5
-#: Share of the rate that is asked for within which the achieved one is acceptable.
+#: Relative deviation from the requested rate that is acceptable.
 TOLERANCE = 0.9, 1.1
 # Levels of diagnostic_msgs/DiagnosticStatus
 OK, WARN, ERROR = 0, 1, 2
@@ -124,7 +124,7 @@ class Diagnostics:
         else:
             level, message = OK, f'holds {asked:g} Hz'
         values = {
-            # As diagnostic_updater's FrequencyStatus has them
+            # The keys of FrequencyStatus of diagnostic_updater
             'Events in window': ticks,
             'Events since startup': counts.ticks,
             'Duration of window (s)': f'{elapsed:.3f}',
@@ -180,7 +180,7 @@ class Diagnostics:
         return self._status('gap control', OK, law, values)
 
     def _controller(self, engine: EngineStatus) -> DiagnosticStatus:
-        """Report what came from a controller outside the node."""
+        """Report the commands of a controller outside the node."""
         now, last = engine.controller, self._last
         refused = now.refused - (last.controller.refused if last else 0)
         age = '' if now.age_ns is None else f'{now.age_ns * 1e-9:.4f}'

@@ -5,13 +5,13 @@ The engine: the thread that moves the rig from tick to tick and publishes its me
 As soon as a tick is published, the rig is moved to the next one: the search for the next impact,
 which takes many times as long as a sample, must not delay a tick. Impacts on the way are sent at
 their own instants. At a tick, the waiting requests are carried out before the joint states are
-published. So the joint states of a tick show a change that took effect at it.
+published. The joint states of a tick therefore show a change that took effect at that tick.
 
 All requests to the engine go through a queue and take effect at the tick the rig is at, a whole
-number of nanoseconds. Where ticks are far apart the rig is moved in strides, and where it takes
-long from one tick to the next in slices (`rig_motion`); requests take effect between these, at
-whole nanoseconds, too. A rig that cannot continue, or has too many events on the way, is held
-until a change or a reset. Everything in a recording is written by this thread, in order.
+number of nanoseconds. Where ticks are far apart the rig is moved in strides, and where the motion
+from tick to tick takes long in slices (`rig_motion`); requests take effect between these, at whole
+nanoseconds, too. A rig that cannot continue, or has too many events on the way, is held until a
+change or a reset. Everything in a recording is written by this thread, in order.
 """
 
 from __future__ import annotations
@@ -69,16 +69,17 @@ _Result = TypeVar('_Result')
 
 PAUSED_NAP_S = 0.02
 PAUSED_PERIOD_NS = round(1e9 / PAUSED_RATE)
-#: Longest stride in wall time: impacts are sent, and requests served, at least so often.
+#: Longest stride in wall time: impacts are sent, and requests served, at least this often.
 STRIDE_NS = 20_000_000
-#: Wall time in lock-step after which a measurement is sent again, and between looks at requests.
+#: Wall time in lock-step after which a measurement is sent again, and between two checks for
+#: requests.
 SEND_AGAIN_S, LOCK_STEP_NAP_S = 0.2, 0.02
-#: Messages by which a recording may be behind before a free-running rig waits for it.
+#: Waiting messages of a recording with which a free-running rig waits for the disk.
 LOG_BACKLOG = 20_000
 
 
 class Engine:
-    """Run a rig in a thread of its own; ParameterError if it cannot start where it is put."""
+    """Runs a rig in a thread of its own; ParameterError if the rig cannot start."""
 
     def __init__(
         self,
@@ -95,13 +96,13 @@ class Engine:
         """
         Make an engine that does not run yet.
 
-        It calls the functions from its own thread; each must return at once. `alive` is whether
-        ROS still runs, as publishing fails once it does not; `on_course` is called at the start
-        and after every change and reset, with the state of the rig; `on_trouble` with its kind
+        The engine calls the functions from its own thread; each must return at once. `alive`
+        returns whether ROS still runs: publishing fails afterwards. `on_course` is called at the
+        start and after every change and reset, with the state of the rig; `on_trouble` with a kind
         and a text, if the rig falls behind or cannot continue. `wall` is the time outside.
         """
         self.failure: Exception | None = None
-        #: Those that hold; to be replaced by `change`
+        #: The present parameters; only `change` replaces them
         self.parameters = parameters
         law = parameters.control_law
         self._rig = Rig(
@@ -111,7 +112,7 @@ class Engine:
             law=None if law == 'none' else OwnLaw.from_text(law),
             records=read_records(parameters.as_dict(), tau / parameters.rig.omega),
         )
-        #: What a controller outside the node sees and commands
+        #: The measurements for a controller outside the node, and its commands
         self.controller = ExternalControl(self._rig, inbox or CommandInbox(), parameters)
         self._publishers = publishers
         self._on_course, self._on_trouble = on_course, on_trouble
@@ -137,7 +138,7 @@ class Engine:
         self._motion = RigMotion(self._rig, publishers, trace)
         # All parameters, as an encoded ParameterEvent, while there is a recording
         self._listing = b''
-        # In the order in which they were made
+        # Requests in the order in which they were made
         self._requests: deque[tuple[Request, Callable[[], Any]]] = deque()
         self._closed = threading.Event()
         self._stopping = threading.Event()
@@ -165,7 +166,7 @@ class Engine:
         return self._stamps.offset_ns + self._time_ns
 
     def status(self) -> EngineStatus:
-        """Return the state of the engine, and restart the search for the worst lateness."""
+        """Return the state of the engine, and reset the worst lateness."""
         rig, motion, state = self._rig, self._motion, self._state
         return EngineStatus(
             time_ns=self._time_ns,
@@ -187,9 +188,9 @@ class Engine:
         self, act: Callable[_Arguments, Any], *args: _Arguments.args, **kwargs: _Arguments.kwargs
     ) -> Request:
         """
-        Ask for something that the engine's thread has to do, one of the methods below.
+        Request that the engine's thread runs `act`, one of the methods below.
 
-        It does so at the next instant at which the rig may be changed, in the order of asking,
+        It runs at the next instant at which the rig may be changed, in the order of the requests,
         unless the request is cancelled before.
         """
         request: Request = Future()
@@ -200,14 +201,14 @@ class Engine:
 
     def _turn_away(self) -> None:
         """Reject all waiting requests."""
-        # Another thread may do so at the same time.
+        # Another thread may empty the queue at the same time.
         with contextlib.suppress(IndexError):
             while True:
                 request, _ = self._requests.popleft()
                 if request.set_running_or_notify_cancel():
                     request.set_exception(NotNowError('the rig is shutting down'))
 
-    # Asked for by other threads, carried out by the engine's
+    # Requested by other threads, run by the engine's
 
     def check(self, after: NodeParameters) -> None:
         """Raise an error if the rig cannot take other parameters now; nothing changes."""
@@ -224,9 +225,9 @@ class Engine:
         """
         Change parameters, all at once, and record the event.
 
-        Another motion of the base begins at the next upward zero of the present one. Returns what
-        waits for that, in words; empty if nothing does. A rig that cannot take what it could take
-        when it was asked is held; a reset makes the change then.
+        Another motion of the base begins at the next upward zero of the present one. The result
+        names in words the parameters that wait for it; empty if none does. A rig that cannot take
+        a change which it accepted is held; a reset then makes the change.
 
         `listing` is the event that lists all parameters, if there is a recording that splits.
         """
@@ -254,7 +255,7 @@ class Engine:
         )
 
     def _change_rig(self, now: RigParameters, control: GapControlParameters) -> None:
-        """Let the rig have other parameters, if they are other ones, and send what that causes."""
+        """Change the rig, if the parameters differ, and send the events of the change."""
         rig = self._rig
         if (now, control) == (rig.parameters, rig.control):
             return
@@ -267,7 +268,7 @@ class Engine:
         self._new_course, self._news = True, self._news or 'change'
 
     def _make_rest(self) -> None:
-        """Make what has waited for the base, or for a rig that can take it."""
+        """Make the change that has waited for the base, or for a rig that can take it."""
         self._waiting_ns = None
         self._change_rig(self.parameters.rig, self.parameters.control)
 
@@ -300,7 +301,7 @@ class Engine:
         return True
 
     def _set_pace(self, real_time_factor: float) -> None:
-        """Run at another pace; stamps that count from the system time do not go back for it."""
+        """Run at another pace; stamps that count from the system time do not go back."""
         self._pacer.set_pace(self._grid.instant(1), real_time_factor)
         if self._state.moves and self._go_on():
             self._news = self._news or 'slip'
@@ -309,9 +310,9 @@ class Engine:
         """
         Let a paused rig run on to its next joint states, at its pace, and pause it again there.
 
-        With `to_impact`, to the first joint states after its next impact. The rig runs on as
-        after a pause, so that nothing of the motion depends on the steps. Returns another
-        request, done when the rig is paused again.
+        With `to_impact` it runs to the first joint states after its next impact. The rig runs on
+        as after a pause, so that the motion does not depend on the steps. Returns another request,
+        done when the rig is paused again.
         """
         state, motion, tick, impacts = self._state, self._motion, self._tick, self._motion.impacts
         if state.running is Running.STEP:
@@ -330,7 +331,7 @@ class Engine:
         """
         Record from now on; `event` is an encoded ParameterEvent with all parameters.
 
-        The log may ask for a new file. That begins with a tick, as the recording did.
+        The log may request a new file, which begins with a tick as the recording did.
         """
         self._out.log, self._out.recorded, self._listing = log, 0, event
         self._announce('record')
@@ -338,7 +339,7 @@ class Engine:
 
     def stop_recording(self) -> RunWriter | None:
         """End the recording; return its log, if any."""
-        # It has all that was done so far, and ends with a whole tick.
+        # The log has all commands so far, and ends with a whole tick.
         self._report_news()
         if self._within_tick:
             stamp_ns = self.stamp_ns()
@@ -394,7 +395,7 @@ class Engine:
 
     def _move_to(self, due_ns: int) -> bool:
         """
-        Move the rig to the next tick, or by a stride, and send what happens on the way.
+        Move the rig to the next tick, or by a stride, and send the events on the way.
 
         Returns whether that tick is reached.
         """
@@ -436,7 +437,7 @@ class Engine:
                 self._publish_clock()
                 data = self._motion.paused_states(self._stamps.now(self._time_ns))
                 self._out.publish(self._publishers['joint_states'], data)
-                # Not what was missed while the process was stopped
+                # Deadlines missed while the process was stopped are left out.
                 due_ns = max(due_ns + PAUSED_PERIOD_NS, self._wall.monotonic_ns())
             self._wall.sleep(PAUSED_NAP_S)
             self._serve()
@@ -501,7 +502,7 @@ class Engine:
                 self._make_rest()
             except RIG_FAILURES as error:
                 self._give_up(error)
-        # Not those that arrive meanwhile: a flood of requests must not stop the rig.
+        # Requests that arrive meanwhile wait: a flood of them must not stop the rig.
         for _ in range(len(self._requests)):
             request, action = self._requests.popleft()
             if not request.set_running_or_notify_cancel():
@@ -516,7 +517,7 @@ class Engine:
         self._report_news()
 
     def _alter(self, alter: Callable[[], _Result]) -> _Result:
-        """Alter the rig; it is as it was if that fails."""
+        """Alter the rig; a failure leaves the rig as it was."""
         mark = self._rig.mark()
         try:
             return alter()
@@ -525,12 +526,12 @@ class Engine:
             raise
 
     def _send(self, events: Sequence[Event], records: Sequence[ControlAct]) -> None:
-        """Send what a change of the rig has caused."""
+        """Send the events that a change of the rig has caused."""
         for message in self._motion.messages_of(events, records, self._stamps.offset_ns):
             self._out.emit(*message)
 
     def _attend(self) -> None:
-        """Show a controller what is due, and carry out its commands that have come."""
+        """Publish the measurements that are due, and carry out the commands that have come."""
         try:
             for sent in self.controller.measurements(self._time_ns, self._stamps.offset_ns):
                 self._out.emit(self._publishers['measurements'], sent.content, self.stamp_ns())
@@ -565,7 +566,7 @@ class Engine:
                 )
                 self._on_trouble('lock-step', text)
         if self._wall.monotonic() - begun > SEND_AGAIN_S:
-            # Rig time does not make up for it.
+            # Rig time does not make up for the wait.
             self._pacer.anchor(self._time_ns)
 
     def _obey(self) -> None:
@@ -574,7 +575,7 @@ class Engine:
             self._send(events, records)
 
     def _split(self, log: RunWriter) -> None:
-        """Begin a new file of the recording, with all that a reader of it alone needs."""
+        """Begin a new file of the recording, with everything that its reader needs."""
         if log.split(self.stamp_ns()):
             self._announce('record')
             self._record_event(self._listing)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other threads ask of the engine, and see of it."""
+"""Requests of other threads to the engine, and its state as they read it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .pacing import ORDINARY, PacingCounts
 
 
 class NotNowError(Exception):
-    """A request that the engine cannot carry out as things are."""
+    """A request that the engine cannot carry out in the present state."""
 
 
 class Done(NamedTuple):
@@ -56,18 +56,18 @@ class Running(Enum):
 
 
 class Step(NamedTuple):
-    """A step of a paused rig: whether its end is reached, and who waits for it."""
+    """A step of a paused rig: whether its end is reached, and the request that waits for it."""
 
     reached: Callable[[], bool]
     ended: Request
 
 
 class State(NamedTuple):
-    """Whether the rig moves, and why it does not."""
+    """Whether the rig moves, and if not, why."""
 
     running: Running = Running.ON
     held: str = ''  # the reason why it cannot continue
-    after: Running = Running.ON  # what a held rig does once it can continue
+    after: Running = Running.ON  # the state of a held rig once it can continue
     step: Step | None = None
 
     @property
@@ -77,7 +77,7 @@ class State(NamedTuple):
 
     @property
     def paused(self) -> bool:
-        """Whether it is paused, or will be once it can continue."""
+        """Whether the rig is paused, or will be once it can continue."""
         return Running.PAUSED in (self.running, self.after)
 
 
@@ -94,7 +94,7 @@ class EngineStatus(NamedTuple):
     recorded: int  # messages given to the recording
     pacing: PacingCounts
     control: GapControlParameters = GapControlParameters()
-    commands: int = 0  # of the gap control
+    commands: int = 0  # commands of the gap control
     last_act: ControlAct | None = None
     scheduling: str = ORDINARY
     held: str = ''  # the reason why the rig cannot continue

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A controller outside the node: what it is shown and commands, and how long the rig waits for it.
+A controller outside the node: its measurements, its commands, and the wait of the rig for them.
 
-The engine calls this wherever the rig stops: at each tick of the joint states and at each instant
-of a measurement. Commands are in effect at the first of these after they came.
+The engine calls this at each stop of the rig: at each tick of the joint states and at each instant
+of a measurement. A command takes effect at the first stop after it came.
 
 In lock-step the rig does not move on from a measurement before the command with its stamp has
 come. So a run does not depend on how long controller and middleware take. A measurement is sent
-again now and then, as a controller that has only just joined may have missed it. If none answers
-within `lock_step_timeout` of wall time, the rig goes on, and does not wait again before the next
-command, which may itself come too late to be carried out.
+again now and then, as a controller that has only just joined may have missed it. Without an answer
+within `lock_step_timeout` of wall time the rig goes on, and does not wait again before the next
+command, even if that is too late to be carried out.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from impact_damper_ros.rig.tick_grid import TickGrid
 from .commands import CommandInbox, TopicCommand, TopicCommandError
 from .rig_motion import RIG_FAILURES
 
-#: How much later or earlier than now a command may be stamped, if there is no `command_timeout`.
+#: Largest difference of the stamp of a command from now, if there is no `command_timeout`.
 _MOST_LATE_S = 10.0
 _NEVER_S = 1e9
-#: Of the random numbers of a measurement, those that are not noise.
+#: Number of the random numbers of a measurement that are not noise.
 _LOSS, _JITTER = 5, 6
 
 
@@ -44,7 +44,7 @@ def _seconds(stamp_ns: int) -> str:
 
 
 class Sent(NamedTuple):
-    """A measurement on its way: when it is published, rig time in ns, its stamp and content."""
+    """A measurement before its publication: rig time of that in ns, stamp and content."""
 
     due_ns: int
     stamp_ns: int
@@ -52,20 +52,20 @@ class Sent(NamedTuple):
 
 
 class ControllerStatus(NamedTuple):
-    """What came from the controller so far."""
+    """The commands of the controller so far."""
 
     accepted: int = 0
     refused: int = 0
-    reason: str = ''  # of the last refusal
-    age_ns: int | None = None  # rig time since the last one accepted; None before the first
+    reason: str = ''  # reason of the last refusal
+    age_ns: int | None = None  # rig time since the last accepted command; None before the first
     parked: bool = False  # whether the watchdog has parked the stops and ended the force
-    limited: int = 0  # forces beyond `force_limit`
+    limited: int = 0  # number of forces beyond `force_limit`
     missed: int = 0  # measurements after which the rig in lock-step went on without a command
     awaited: str = ''  # the topics from which lock-step waits for a command now
 
 
 class ExternalControl:
-    """The side of a rig that its controller sees; for the engine's thread."""
+    """Measurements for a controller, and its commands; for the engine's thread."""
 
     def __init__(self, rig: Rig, inbox: CommandInbox, settings: NodeSettings) -> None:
         #: May be replaced at any time
@@ -81,7 +81,8 @@ class ExternalControl:
         rate = RIG_TOPICS['measurements'].rate_of(settings)
         self._grid = TickGrid(rate) if rate else None
         self._encoder = RigMessages()
-        # Number of the next measurement; those that are late, and the last one for a frozen sensor
+        # Number of the next measurement; delayed measurements, and the last one, for a frozen
+        # sensor
         self._index = 0
         self._on_the_way: deque[Sent] = deque()
         self._seen: tuple[tuple[float, ...], tuple[float, ...]] | None = None
@@ -89,15 +90,15 @@ class ExternalControl:
         self._topics = {'off': set(), 'both': {'stop_commands', 'force_command'}}.get(
             settings.lock_step, {settings.lock_step}
         )
-        # The stamps of the measurement for which it is, of the last one that was published, and of
-        # that which was answered last; and the commands that have come
+        # Stamps of the measurement that awaits a command, of the last one that was published, and
+        # of the last one that was answered; and the commands that have come
         self._awaited_ns: int | None = None
         self._published_ns: int | None = None
         self._answered_ns: int | None = None
         self._answers: dict[str, TopicCommand] = {}
         self._given_up = False
         self._missed = 0
-        # Commands refused before the one that is awaited; and those that answer the one before
+        # Commands refused before the awaited one, and commands that answer the measurement before
         self._refused_before = 0
         self._repeated = 0
 
@@ -115,9 +116,9 @@ class ExternalControl:
 
     def measurements(self, time_ns: int, offset_ns: int) -> Iterator[Sent]:
         """
-        Take the measurement that is due at an instant; yield those that are published then.
+        Take the measurement that is due at an instant; yield the measurements to publish then.
 
-        After each the rig may have to wait. All that is random is a function of the seed of the
+        The rig may have to wait after each. All random numbers are functions of the seed of the
         sensors and the number of the measurement.
         """
         if self._grid is None:
@@ -155,7 +156,7 @@ class ExternalControl:
         content = self._encoder.measurement(stamp_ns, *self._seen)
         due_ns = time_ns + round(late_s * 1e9)
         if self._on_the_way:
-            # None overtakes the one before.
+            # No measurement overtakes the one before.
             due_ns = max(due_ns, self._on_the_way[-1].due_ns)
         self._on_the_way.append(Sent(due_ns, stamp_ns, content))
 
@@ -164,7 +165,7 @@ class ExternalControl:
         self._inbox.wait(seconds)
 
     def give_up(self) -> str:
-        """Await no command before the next one has come; return what came in its place."""
+        """Stop waiting until the next command comes; return what came instead, in words."""
         answered_ns = self._answered_ns
         self._answered_ns, self._awaited_ns = self._awaited_ns, None
         self._given_up = True
@@ -180,7 +181,7 @@ class ExternalControl:
 
     @property
     def _in_step(self) -> bool:
-        """Whether the rig waits for a command to each measurement, and takes no other one."""
+        """Whether the rig waits for a command to each measurement, and takes no other command."""
         return bool(self._topics) and self._external and not self._given_up
 
     @property
@@ -188,7 +189,7 @@ class ExternalControl:
         return self._rig.control.gap_control == 'external'
 
     def status(self, time_ns: int) -> ControllerStatus:
-        """Return what came so far, for other threads."""
+        """Return the commands so far, for other threads."""
         last_ns, inbox = self._last_ns, self._inbox
         age_ns = None if last_ns is None else time_ns - last_ns
         awaited = self._topics - self._answers.keys() if self.waits else ()
@@ -230,7 +231,7 @@ class ExternalControl:
         for command in self._inbox.take():
             try:
                 if not in_step:
-                    # Also a controller that is too slow now is waited for at the next measurement.
+                    # The rig waits for a slow controller, too, from the next measurement on.
                     self._given_up &= command.key not in self._topics
                     self._check_stamp(command.stamp_ns, now_ns)
                     found.append(command)
@@ -241,13 +242,13 @@ class ExternalControl:
             except TopicCommandError as error:
                 self._inbox.refuse(command.topic, error)
         if self._awaited_ns is not None and self._topics <= self._answers.keys():
-            # In one order, however they came
+            # Commands have one order, however they came.
             found = [self._answers[key] for key in sorted(self._answers)]
             self._answered_ns, self._awaited_ns = self._awaited_ns, None
         return found
 
     def _check_repeated(self, command: TopicCommand) -> None:
-        """Raise a CommandError unless a measurement was answered again that was sent again."""
+        """Raise a TopicCommandError unless a command answers a repeated measurement."""
         if command.key not in self._topics:
             raise TopicCommandError(
                 f'lock-step waits for {", ".join(self._topics)} only: start with lock_step:=both'
@@ -264,7 +265,7 @@ class ExternalControl:
             )
 
     def _carry_out(self, order: Order) -> tuple[list[Event], list[ControlAct]]:
-        # A controller may answer that nothing is to be done.
+        # An empty command is an answer, too.
         if not (order.stops or order.force == order.force):
             return [], []
         mark = self._rig.mark()
@@ -303,7 +304,7 @@ class ExternalControl:
             self._pushed_ns = time_ns
 
     def _overdue(self, time_ns: int) -> Order | None:
-        """Return what parks the stops and ends the force if no command comes any more."""
+        """Return the order that parks the stops and ends the force if commands stay away."""
         rig = self._rig
         if not self._external:
             self._ordered_ns = self._pushed_ns = None

@@ -3,7 +3,7 @@
 A controller in a test: a run in lock-step, recorded, that is the same on any machine.
 
 The rig and the controller are processes of their own. The rig waits at each measurement for the
-command to it. So the motion does not depend on how fast either of them is.
+command to it. The motion therefore does not depend on the speed of either process.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _command_line(
 
 
 class Progress:
-    """Whether a run still moves; a slow one may take as long as it likes."""
+    """Whether a run still moves; a slow run may take any time."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -69,16 +69,16 @@ def run_in_lock_step(
     seconds : float
         Duration, in rig time.
     directory : path
-        Where the bag is made; empty, or not there yet.
+        Directory of the bag; empty or absent.
     rig, settings : dict
         Parameters of the rig's node, and of the controller.
 
     Raises
     ------
     FileExistsError
-        If the directory has something in it, such as another run.
+        If the directory is not empty.
     RuntimeError
-        If the rig or the controller ends before that, or nothing moves for minutes.
+        If the rig or the controller ends early, or rig time stands still for minutes.
     """
     if Path(directory).exists() and any(Path(directory).iterdir()):
         raise FileExistsError(f'{directory} is not empty: give each run a directory of its own')
@@ -103,7 +103,7 @@ def run_in_lock_step(
     def look(states: Any) -> None:
         now[0] = states.header.stamp.sec + states.header.stamp.nanosec * 1e-9
 
-    # Others may test on this network as well.
+    # Other tests may run on this network.
     space = f'/lock_step_{os.getpid()}'
     node.create_subscription(JointState, f'{space}/joint_states', look, 1)
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
@@ -127,7 +127,7 @@ def run_in_lock_step(
             for process, (program, _) in zip(processes, programs, strict=True):
                 if process.poll() is not None:
                     raise RuntimeError(f'{program[-1]} has ended at {now[0]:g} s')
-        # The rig first: its bag ends in the middle of a run, not of a wait.
+        # The rig is stopped first: its bag then ends in the middle of a run, not of a wait.
         for process in processes:
             process.send_signal(signal.SIGINT)
             process.wait(PATIENCE_S)

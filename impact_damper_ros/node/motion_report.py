@@ -24,15 +24,15 @@ from impact_damper_ros.theory.theory_thread import TheoryThread
 
 from .motion_trace import KEPT, MotionTrace
 
-#: The last cycles of the force that are measured where there is no rhythm; a motion with no impact
-#: in as many cycles is one without impacts.
+#: Last cycles of the force that are measured where there is no rhythm; a motion without an impact
+#: in as many cycles has none.
 MEASURED_CYCLES = 20
 #: Longest rhythm that is recognised, in cycles of the force.
 LONGEST_RHYTHM = 8
-#: Periods that differ by less, in cycles of the force and relative to the largest |X|, are a
-#: rhythm, and those of a settled motion if they differ by less than the second.
+#: Periods that differ by less than the first, in cycles of the force and relative to the largest
+#: |X|, are a rhythm; if they differ by less than the second, the motion has settled.
 RECOGNISED, SETTLED_DRIFT = 1e-2, 1e-4
-#: Periods in a row that must differ little for a motion to have settled.
+#: Consecutive periods that must differ little in a settled motion.
 SETTLED_PERIODS = 3
 #: Turning points of M are interpolated between samples; with fewer per cycle they are inaccurate.
 LEAST_SAMPLES_PER_CYCLE = 6.0
@@ -45,14 +45,14 @@ class RecentMotion(NamedTuple):
     #: neither; `NO_IMPACTS`; or `NOT_PERIODICALLY_DRIVEN`, if the force has no first harmonic, or
     #: a multisine besides.
     kind: MotionKind
-    cycles: float = 0.0  # of the force since the last change or reset
+    cycles: float = 0.0  # cycles of the force since the last change or reset
     #: Impacts per cycle of the force in the last period, or without a rhythm in the last
     #: `MEASURED_CYCLES` cycles.
     impacts_per_cycle: float | None = None
     rhythm: Rhythm | None = None  # the repeated sequence of impacts, settled or not
     period: Period | None = None  # how closely it repeats
     impact: Event | None = None  # the last impact
-    phase: float = 0.0  # its instant in cycles of the force since its zero angle
+    phase: float = 0.0  # instant of that impact in cycles of the force since its zero angle
     #: Largest |X| in the same part, m, and as a share of the amplitude A without impacts; None if
     #: the samples are too few for it.
     x_max: float | None = None
@@ -60,7 +60,7 @@ class RecentMotion(NamedTuple):
     without: float = 0.0  # cycles of the force since the last impact, or change
     #: The gap that is wider than M moves from end to end, m; else 0
     too_wide: float = 0.0
-    #: Of the last `KEPT_CYCLES` cycles, from samples; NaN for a base at rest.
+    #: Transmissibilities in the last `KEPT_CYCLES` cycles, from samples; NaN for a base at rest.
     transmissibility: Transmissibility = Transmissibility()
 
     @property
@@ -102,7 +102,7 @@ def recent_motion(trace: MotionTrace, state_rate: float) -> RecentMotion:
     else:
         recent = min(cycles, MEASURED_CYCLES)
         if len(impacts) >= KEPT:
-            # Of many impacts in a cycle, those of fewer cycles are kept.
+            # With many impacts in a cycle fewer cycles are kept.
             recent = min(recent, turned - instants[0])
         count = sum(instant > turned - recent for instant in instants)
         without = not count and cycles >= MEASURED_CYCLES
@@ -130,8 +130,8 @@ def recent_motion(trace: MotionTrace, state_rate: float) -> RecentMotion:
     )
 
 
-#: A settled motion agrees within this: instants in cycles of the force, X relative to the largest
-#: |X|; and the largest |X|, which is interpolated between samples, within the second.
+#: Tolerances of a settled motion: of instants in cycles of the force, and of X relative to the
+#: largest |X|; and of the largest |X|, which is interpolated between samples.
 TOLERANCE, X_MAX_TOLERANCE = 1e-3, 5e-3
 #: Kinds that may still become the predicted motion.
 MOVING = (MotionKind.TRANSIENT, MotionKind.UNDECIDED)
@@ -145,13 +145,13 @@ class Agreement(NamedTuple):
     #: The predicted motion; it begins with the same impact as the measured one if that has the
     #: same stops.
     motion: PeriodicOrbit | None = None
-    basis: str = ''  # why this one: 'measured', 'run ahead' or 'listed'
+    basis: str = ''  # why this motion: 'measured', 'run ahead' or 'listed'
     #: Largest differences of the instants of the impacts (in cycles of the force), of X at the
     #: impacts and of the largest |X| (relative to that).
     phase: float | None = None
     x: float | None = None
     x_max: float | None = None
-    tolerance: float = TOLERANCE  # of the first two, including the rest of the transient
+    tolerance: float = TOLERANCE  # tolerance of the first two, including the rest of the transient
 
 
 def compare(measured: RecentMotion, prediction: Prediction) -> Agreement:
@@ -204,7 +204,7 @@ class MotionMonitor:
         self._trace = trace
         self._theory = theory
         self._state_rate = state_rate
-        # Motions that were asked for again, and the course that they are of
+        # Motions that were requested again, and the number of their rig
         self._asked_of = 0
         self._asked: set[tuple[tuple[int, ...], int]] = set()
 
@@ -217,7 +217,7 @@ class MotionMonitor:
         return [measured_report(measured), predicted_report(self._theory, agreement)]
 
     def _ask_again(self, measured: RecentMotion) -> None:
-        """Ask for a motion like the measured one, once for each stop sequence."""
+        """Request the theory for the measured motion, once for each stop sequence."""
         rhythm, impact = measured.rhythm, measured.impact
         assert rhythm is not None
         assert impact is not None
@@ -263,7 +263,7 @@ def measured_report(measured: RecentMotion) -> MotionReport:
 
 
 def _why_idle(measured: RecentMotion) -> str:
-    """Return why there may be no impacts; empty if there are, or nothing is known."""
+    """Return a possible reason for no impacts; empty if there are some, or none is known."""
     if measured.kind is not MotionKind.NO_IMPACTS or not measured.too_wide:
         return ''
     return (
@@ -319,7 +319,7 @@ def _state(theory: TheoryThread, agreement: Agreement) -> tuple[str, bool, str]:
     if motion is None:
         if agreement.verdict == 'disagrees':
             return 'none', True, 'the measured motion repeats, but theory finds no such motion'
-        # Without a periodic force there is none to be expected.
+        # Without a periodic force no motion is to be expected.
         warning = bool(known.orbits) and known.complete
         return 'none', warning, known.reason or 'no viable motion found so far'
     words = [f'{_in_words(motion)}, {motion.stability}{"" if motion.viable else ", not viable"}']
@@ -346,7 +346,7 @@ def _rhythm_values(rhythm: Rhythm | None) -> dict[str, object]:
     }
 
 
-#: The same motion is reported each second.
+#: The text is cached: the same motion is reported each second.
 _predicted = lru_cache(maxsize=16)(transmissibility)
 
 

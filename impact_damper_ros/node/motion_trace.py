@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of the motion of a rig is kept for the reports: its last impacts and turning points."""
+"""The last impacts and turning points of a rig, which are kept for the reports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from impact_damper_ros.orbits.transmissibility import Moments, Transmissibility
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.stepped_sine import FirstAngle, SteppedSine, rig_at
 
-#: Impacts and turning points that are kept: some dozens of periods, or a few with many impacts.
+#: Numbers of impacts and turning points that are kept: dozens of periods, or a few with many
+#: impacts.
 KEPT = 512
 #: Cycles of the force of which the motion of a moving base and X are kept.
 KEPT_CYCLES = 20
@@ -106,7 +107,7 @@ class MotionTrace:
         return list(self._impacts)
 
     def transmissibility(self) -> Transmissibility:
-        """Return that of the last whole cycles of the force; NaN for a base at rest."""
+        """Return the transmissibility in the last whole cycles; NaN for a base at rest."""
         kept = list(self._moments)
         return Transmissibility.of_moments(Moments(*map(sum, zip(*kept, strict=True))))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other nodes of the network do that keeps messages or requests from arriving."""
+"""Conflicts with other nodes of the network, which keep messages or requests from arriving."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rclpy.qos import QoSCompatibility, ReliabilityPolicy, qos_check_compatible
 
 
 class NetworkReport(NamedTuple):
-    """What is in the way, in words, and by keys."""
+    """The conflicts, in words and by keys."""
 
     text: str = ''
     values: Mapping[str, int] = MappingProxyType({})
@@ -21,7 +21,7 @@ class NetworkReport(NamedTuple):
 
 class Network:
     """
-    Looks for nodes of the same name, for a second clock, and for partners that do not match.
+    Detects nodes of the same name, a second clock, and partners that do not match.
 
     `commands` has full name and type of the topics that the node subscribes to.
     """
@@ -41,7 +41,7 @@ class Network:
         )
 
     def report(self) -> NetworkReport:
-        """Return what is in the way now; each is logged once."""
+        """Return the present conflicts; each is logged once."""
         node = self._node
         own = node.get_name(), node.get_namespace()
         namesakes = node.get_node_names_and_namespaces().count(own)
@@ -82,7 +82,7 @@ class Network:
         return NetworkReport('; '.join(texts), values)
 
     def _deaf(self) -> Iterator[str]:
-        """Yield which subscriptions do not receive what the node publishes."""
+        """Yield the subscriptions that do not receive topics of the node."""
         for publisher in self._node.publishers:
             topic = publisher.topic_name
             if topic not in self._mismatched:
@@ -94,7 +94,7 @@ class Network:
 
 
 def _unheard(topic: str, kind: str, publishers: Sequence[Any]) -> Iterator[str]:
-    """Yield which publishers of commands the node does not receive."""
+    """Yield the publishers of commands that the node does not receive."""
     for info in publishers:
         if info.topic_type != kind:
             yield (
@@ -113,5 +113,5 @@ def _name(info: Any) -> str:
 
 
 def _reason(text: str) -> str:
-    """Return what the middleware says, in a line."""
+    """Return the reason that the middleware gives, in a line."""
     return '; '.join(part.strip() for part in text.removeprefix('ERROR: ').split(';') if part)

@@ -4,18 +4,18 @@ Pacing: the instants of ticks, their stamps, and the priority of their thread.
 
 Policy for lateness. Deadlines are absolute, so a late tick does not delay the next one. A rig less
 than `CATCH_UP` behind catches up: the missed ticks are computed and published back to back, and
-none is left out. Further behind, it gives the lost wall time up and counts its deadlines from
-there (a slip): rig time then lags wall time by as much, but the samples stay on their grid without
-a gap. Late ticks and slips are counted and reported in the diagnostics.
+none is left out. A rig further behind drops the lost wall time and counts its deadlines from there
+(a slip): rig time then lags wall time by as much, but the samples stay on their grid without a
+gap. Late ticks and slips are counted and reported in the diagnostics.
 
 Stamps that count from the system time agree with that of the other nodes. There is one rule for
 slips and for a system clock that was set: stamps that are further than `CATCH_UP` from the system
 time are moved to it.
 
 Under the ordinary scheduler other programs may delay the thread by some milliseconds. With a
-real-time priority it gets a processor as soon as a tick is due; the lowest ones are enough, since
-ordinary threads have none. They need a permission: root's, the capability CAP_SYS_NICE, or a limit
-RTPRIO (`ulimit -r`). Without one, the thread keeps ordinary scheduling.
+real-time priority the thread gets a processor as soon as a tick is due; the lowest priorities are
+enough, since ordinary threads have none. Priorities need a permission: root's, the capability
+CAP_SYS_NICE, or a limit RTPRIO (`ulimit -r`). Without one, the thread keeps ordinary scheduling.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import os
 import time
 from typing import NamedTuple, Protocol
 
-#: Lateness, in wall time, beyond which the lost time is given up instead of made up for.
+#: Lateness, in wall time, beyond which the lost time is dropped instead of made up for.
 CATCH_UP_NS = 250_000_000
 # A free-running rig leaves the processor for a moment this often, so that parameter calls and the
 # log's writer are served.
@@ -33,16 +33,16 @@ FREE_RUN_REST_S = 0.0005
 
 
 class WallTime(Protocol):
-    """What a rig is paced by: these functions of the module `time`."""
+    """The clocks that pace a rig: functions of the module `time`."""
 
     def monotonic_ns(self) -> int:
-        """Return the time that no one sets."""
+        """Return the monotonic time, ns."""
 
     def monotonic(self) -> float:
-        """Return the same in seconds."""
+        """Return the monotonic time, s."""
 
     def time_ns(self) -> int:
-        """Return the system time."""
+        """Return the system time, ns."""
 
     def sleep(self, seconds: float, /) -> None:
         """Wait."""
@@ -63,7 +63,7 @@ class StampClock:
         return stamp_ns if self._simulated else max(stamp_ns, self._wall.time_ns())
 
     def catch_up(self, time_ns: int) -> bool:
-        """Let a rig time be now, at the start or after a pause; return whether stamps move."""
+        """Let a rig time be now, at a start or after a pause; return whether stamps move."""
         before, self.offset_ns = self.offset_ns, self.now(time_ns) - time_ns
         return self.offset_ns != before
 
@@ -81,7 +81,7 @@ class StampClock:
 
 
 class PacingCounts(NamedTuple):
-    """What the pacer has counted; totals, but for the worst lateness since the last report."""
+    """Counts of the pacer: totals, but for the worst lateness since the last report."""
 
     ticks: int
     overruns: int
@@ -91,10 +91,10 @@ class PacingCounts(NamedTuple):
 
 
 class Pacer:
-    """Wait for the ticks of one rig; 0 for the factor runs as fast as possible."""
+    """Waits for the ticks of one rig; with the factor 0 the rig runs as fast as possible."""
 
     def __init__(self, period_ns: int, real_time_factor: float, *, wall: WallTime = time) -> None:
-        """Start counting from nothing; `anchor` sets the first deadline."""
+        """Start with all counts 0; `anchor` sets the first deadline."""
         self.set_pace(period_ns, real_time_factor)
         self._wall = wall
         self._anchor_ns = self._anchor_rig_ns = 0
@@ -109,7 +109,7 @@ class Pacer:
         self._late_after_ns = round(period_ns / real_time_factor) if real_time_factor else 0
 
     def anchor(self, rig_ns: int) -> None:
-        """Let rig time run on from `rig_ns` now."""
+        """Let rig time continue from `rig_ns` at the present time."""
         self._anchor_ns = self._wall.monotonic_ns()
         self._anchor_rig_ns = rig_ns
 
@@ -139,7 +139,7 @@ class Pacer:
         return self._anchor_ns + elapsed
 
     def _sleep_until(self, deadline: int) -> int:
-        """Return how late it is then, ns."""
+        """Sleep until an instant; return the lateness then, ns."""
         while (left := deadline - self._wall.monotonic_ns()) > 0:
             self._wall.sleep(left * 1e-9)
         return -left

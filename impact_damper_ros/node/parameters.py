@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-ROS parameters and the rig: descriptors, and the reading of requests and of what a start gives.
+ROS parameters and the rig: descriptors, and the reading of requests and of arguments.
 
 Values are read tolerantly: `37` for a double, `5`, `[1, 0.5]` or `1e-3` as the command line gives
 them, one force array at a time.
@@ -69,7 +69,7 @@ class NodeParameters(NodeSettings):
     control: GapControlParameters = field(default_factory=GapControlParameters)
 
     def __post_init__(self) -> None:
-        """Check every setting, and write the home directory out."""
+        """Check every setting, and expand the home directory."""
         super().__post_init__()
         object.__setattr__(self, 'bag_directory', _directory(self.bag_directory))
 
@@ -121,7 +121,7 @@ def _among(specs: Mapping[str, ParameterSpec], values: Mapping[str, Any]) -> dic
 
 
 def _directory(text: str) -> str:
-    """Return where recordings go, with the home directory in place of ~."""
+    """Return the directory of recordings, with the home directory in place of ~."""
     if not text.startswith('~'):
         return text
     try:
@@ -251,7 +251,7 @@ def normalise(parameters: Iterable[Parameter], rig: RigParameters) -> list[Param
     """
     Return a request in the declared types, with the other arrays of a rig resized.
 
-    The unit of base amplitudes sets the quantity that they are amplitudes of.
+    The unit of base amplitudes sets their quantity.
     """
     given = list(parameters)
     request = list(map(coerce, given))
@@ -268,7 +268,7 @@ def normalise(parameters: Iterable[Parameter], rig: RigParameters) -> list[Param
 
 
 def _meaning(name: str, value: Any, rig: RigParameters) -> str:
-    """Return what to set in place of a measure of the structure."""
+    """Return the error of a measure of the structure, which names the parameter to set."""
     target = {'natural_frequency': 'stiffness', 'mass_ratio': 'damper_mass'}.get(name, 'damping')
     meant = getattr(rig.replace(**{name: value}), target)
     return (
@@ -283,7 +283,7 @@ def readable(
     """
     Return a request as `normalise` does; ParameterError for a name or value that cannot be.
 
-    rclpy refuses what is unknown, fixed or out of range, too, but its reasons name no remedy.
+    rclpy also refuses unknown and fixed names and values out of range, but names no remedy.
     """
     request = normalise(parameters, now)
     for parameter in request:
@@ -316,9 +316,9 @@ def admissible_part(
     request: Sequence[Parameter], now: NodeParameters, has: Callable[[str], bool]
 ) -> tuple[list[Parameter], dict[str, str]]:
     """
-    Return what of a list can be set together, and by name why the rest cannot.
+    Return the part of a list that can be set together, and by name the errors of the rest.
 
-    What cannot be read is left out, then what contradicts the rest.
+    Unreadable parameters are left out, then parameters that contradict others.
     """
 
     def check(some: Sequence[Parameter]) -> None:
@@ -334,7 +334,7 @@ def admissible_part(
             reasons[error.name] = str(error)
         else:
             return rest, reasons
-    # Something contradicts what stays: one after the other
+    # The parameters contradict each other: they are tried one after the other.
     together: list[Parameter] = []
     for one in rest:
         try:

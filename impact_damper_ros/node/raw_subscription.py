@@ -13,15 +13,15 @@ from rclpy.subscription import Subscription
 
 
 class Polled(ReentrantCallbackGroup):
-    """Of subscriptions and clients for which an executor does not wake up, but for events."""
+    """Callback group of polled entities: an executor wakes up for their events alone."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Return whether an executor may take something of it."""
+        """Return whether an executor may take from the entity."""
         return not isinstance(entity, Subscription | Client)
 
 
 class Taken(NamedTuple):
-    """A message in CDR; its number among those of its publisher, and when it was sent, ns."""
+    """A message in CDR, its number among those of its publisher, and the time of sending, ns."""
 
     content: bytes
     number: int
@@ -40,7 +40,7 @@ class RawSubscription:
         self.kind, self.qos = kind, qos
 
     def publishers(self) -> int:
-        """Return how many publishers match."""
+        """Return the number of publishers that match."""
         return int(self._subscription.get_publisher_count())
 
     def take(self, most: int) -> list[Taken]:

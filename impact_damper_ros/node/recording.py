@@ -88,7 +88,7 @@ class Recorder:
         write_description(self._writer.directory, description)
 
     def begin(self, listing: bytes, description: bytes) -> None:
-        """Let the engine record, beginning with all parameters and the robot description."""
+        """Let the engine record; the bag begins with all parameters and the robot description."""
         if self._writer is not None:
             self._engine.ask(self._engine.record_to, self._writer, listing)
             self._engine.ask(self._engine.record, self._names['robot_description'], description)

@@ -2,8 +2,8 @@
 """
 A client of a rig's services and parameters, which is polled.
 
-It needs no executor: who uses it polls it now and then, between other things, and takes the
-answers; `call` polls it until one comes.
+It needs no executor: its user polls it now and then and takes the answers; `call` polls until an
+answer comes.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from .raw_subscription import Polled
 #: Time after which a request is repeated, since its answer may have been lost during discovery, s;
 #: it doubles each time.
 ASK_AGAIN_S = 1.0
-#: How often `call` looks for an answer, s.
+#: Interval at which `call` polls, s.
 LOOK_S = 0.002
-#: A node finds the clients in their order: once it has answered the last one, it can answer all.
+#: A node discovers the clients in their order: once it has answered the last, it can answer all.
 LAST = 'get_parameters'
 SERVICES = {
     'pause': SetBool,
@@ -41,7 +41,7 @@ SERVICES = {
     'list_parameters': ListParameters,
     LAST: GetParameters,
 }
-#: Those of the parameters.
+#: Services of the parameters.
 PARAMETERS = {key: kind for key, kind in SERVICES.items() if 'parameters' in key}
 
 
@@ -51,7 +51,7 @@ class _Request:
 
     content: Any
     answer: Future[Any]
-    due: float = 0.0  # when it is sent, or sent again
+    due: float = 0.0  # time at which it is sent, or sent again
     pause: float = 0.0
     sent: int = 0
 
@@ -76,7 +76,7 @@ class _Service:
         return request.answer
 
     def poll(self, *, repeated: bool) -> bool:
-        """Take answers, then send what is due; return whether an answer has come."""
+        """Take answers, then send due requests; return whether an answer has come."""
         answered = False
         handle = self._client.handle
         with handle:
@@ -105,7 +105,7 @@ class _Service:
         return any(one.answer is answer and one.sent for one in self._requests)
 
     def begin_again(self, *, repeated: bool) -> None:
-        """Ask a new node again; what is not to be repeated has failed, if it was sent."""
+        """Send requests to a new node; a request that was sent and must not be repeated fails."""
         for request in self._requests:
             if repeated:
                 request.due, request.sent = 0.0, 0
@@ -124,8 +124,8 @@ class RigClient:
     The services and parameters of one rig, or of any node.
 
     `LAST`, which changes nothing, is sent again until the rig has answered this client once, as
-    the answers are lost before. All else is to be asked after that, and is sent once: repeated, a
-    step would be made twice, and a change would undo what another client has set since.
+    earlier answers are lost. All other requests follow that answer, and are sent once: a repeated
+    step would be made twice, and a repeated change would undo that of another client.
     """
 
     def __init__(self, node: Node, name: str, services: Mapping[str, Any] = SERVICES) -> None:
@@ -140,12 +140,12 @@ class RigClient:
         return all(service.ready for service in self._services.values())
 
     def ask(self, key: str, **fields: Any) -> Future[Any]:
-        """Ask a service; the answer comes by `poll`, if it does."""
+        """Request a service; `poll` takes the answer."""
         service = self._services[key]
         return service.ask(service.kind.Request(**fields))
 
     def call(self, key: str, patience_s: float, **fields: Any) -> Any:
-        """Return the answer of a service, for which it waits; else a TimeoutError."""
+        """Request a service, and wait for the answer; a TimeoutError if none comes."""
         if key != LAST and not self.answers:
             self.call(LAST, patience_s, names=[])
         answer, end = self.ask(key, **fields), time.monotonic() + patience_s
@@ -157,7 +157,7 @@ class RigClient:
         return answer.result()
 
     def poll(self) -> None:
-        """Send what is due, and take the answers that have come."""
+        """Send due requests, and take the answers that have come."""
         for key, service in self._services.items():
             repeated = key == LAST and not self.answers
             self.answers |= service.poll(repeated=repeated) and key == LAST
@@ -168,7 +168,7 @@ class RigClient:
         return not reading and self._services[key].is_sent(answer)
 
     def begin_again(self) -> None:
-        """Expect no answer of the node before: a new one has its name."""
+        """Expect no answer of the old node: a new one has its name."""
         self.answers = False
         for key, service in self._services.items():
             service.begin_again(repeated=key == LAST)
@@ -180,9 +180,9 @@ class RigClient:
 
 
 def parameter_messages(values: Mapping[str, Any]) -> list[Any]:
-    """Return values as they are set; ParameterError for one that no rig can have."""
+    """Return messages that set values; ParameterError for a value that no rig can have."""
     messages = []
-    # Of 0.5 mm the node gets the number alone
+    # The node gets a number in SI, not the text 0.5 mm.
     if quantity := base_quantity_of(values.get('base_amplitudes')):
         values = {**values, 'base_quantity': quantity}
     for name, value in values.items():
@@ -193,7 +193,7 @@ def parameter_messages(values: Mapping[str, Any]) -> list[Any]:
 
 
 def plain_values(names: Iterable[str], values: Iterable[Any]) -> dict[str, Any]:
-    """Return values that were got as those of Python, by name."""
+    """Return values from messages as those of Python, by name."""
     python = map(parameter_value_to_python, values)
     plain = (v if isinstance(v, bool | int | float | str) else list(v or ()) for v in python)
     return dict(zip(names, plain, strict=False))

@@ -2,8 +2,8 @@
 """
 The motion of a rig from tick to tick, as messages.
 
-Some rigs take long to the next tick. They are moved in slices, each of which ends at a whole
-nanosecond, where a rig can be changed, reset or paused.
+A rig that takes long to the next tick is moved in slices. Each slice ends at a whole nanosecond,
+where the rig can be changed, reset or paused.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from .publishing import OutgoingMessage, RigPublishers
 
 #: Failures of rigs that are admissible, but absurd.
 RIG_FAILURES = (RunawayError, ArithmeticError, ValueError)
-#: Wall time of a slice, which few rigs need for a tick, and the computing time that must have
-#: passed after that: a stalled machine is no reason to interrupt the rig.
+#: Wall time of a slice, which few rigs need for a tick, and least computing time of a slice: a
+#: stalled machine does not interrupt the rig.
 SLICE_NS = 20_000_000
 GRACE_NS = 15_000_000
 #: Most events in one period of the fastest of spring and force.
@@ -49,9 +49,9 @@ class RigMotion:
     """Moves a rig and encodes its messages."""
 
     def __init__(self, rig: Rig, publishers: RigPublishers, trace: MotionTrace) -> None:
-        #: To be replaced at a change
+        #: Replaced at each change
         self.trace = trace
-        # So far; commands are those of the gap control
+        # Counts so far; commands are those of the gap control
         self.events = self.impacts = self.commands = 0
         self.last_act: ControlAct | None = None
         self._rig = rig
@@ -62,7 +62,7 @@ class RigMotion:
         self, time_ns: int, target_ns: int, offset_ns: int
     ) -> tuple[int, list[OutgoingMessage]]:
         """
-        Move the rig from an instant to another one, at most by one slice.
+        Move the rig from an instant to a later one, at most by one slice.
 
         Returns the rig time reached, ns, and the impacts and acts of the gap control on the way.
         """
@@ -80,8 +80,8 @@ class RigMotion:
         records = rig.acts
         if rig.time >= target_ns / 1e9:
             return target_ns, events, records
-        # Beyond the present instant, even if the events so far round to it: a change after some
-        # of them could not be replayed.
+        # The end is beyond the present instant, even if the events so far round to it: a change
+        # among them could not be replayed.
         later = max(rig.time, nextafter(time_ns / 1e9, inf))
         reached_ns = min(target_ns, ceil(later * 1e9))
         while reached_ns / 1e9 < later:
@@ -92,7 +92,7 @@ class RigMotion:
     def messages_of(
         self, events: Sequence[Event], records: Sequence[ControlAct], offset_ns: int
     ) -> list[OutgoingMessage]:
-        """Take note of events and acts; return the messages of impacts, then those of acts."""
+        """Count events and acts; return the messages of impacts, then those of acts."""
         if events:
             self.events += len(events)
             self.trace = self.trace.after(events)
@@ -120,6 +120,6 @@ class RigMotion:
         return self._encoder.states(stamp_ns, sample, rig.static_deflection, rig.angle)
 
     def paused_states(self, stamp_ns: int) -> bytes:
-        """Return the joint states of a rig that stands still, with a stamp of now."""
+        """Return the joint states of a rig that stands still, with the present stamp."""
         rig, sample = self._rig.parameters, self._rig.sample()
         return self._encoder.paused_states(stamp_ns, sample, rig.static_deflection, rig.angle)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services of the node. Rig time goes on in a reset, as a recording does."""
+"""The services of the node. A reset keeps rig time and the recording."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP_TIMEOUT_S = 2.0
 
 @coroutine
 def _turn() -> Generator[None, None, None]:
-    """Let the executor serve something else first."""
+    """Let the executor serve others first."""
     yield
 
 
@@ -30,7 +30,7 @@ class RigServices:
 
     def __init__(self, node: Node, engine: Engine, wake: Callable[[], object]) -> None:
         self._engine, self._wake = engine, wake
-        # In a group of its own, which lets others begin before its end
+        # The callback group of a step, which lets other callbacks begin before its end
         others = ReentrantCallbackGroup()
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetBool, '~/pause', self._on_pause)
@@ -38,7 +38,7 @@ class RigServices:
         node.create_service(Trigger, '~/step_to_impact', self._on_step_to_impact)
 
     def _answer(self, response: Any, request: Request, text: str) -> Done | None:
-        """Fill in the response to a request; return what was done, or None if it failed."""
+        """Fill in the response to a request; return the result, or None if the request failed."""
         try:
             done = wait_for(request)
         except Exception as error:
@@ -71,13 +71,13 @@ class RigServices:
         done = self._answer(
             response, engine.ask(engine.step), 'on the way to the next joint states'
         )
-        # The caller may rely on the rig being paused again; others are served meanwhile.
+        # The answer comes when the rig is paused again; others are served meanwhile.
         if done is not None and await self._has_ended(done.result):
             self._answer(response, done.result, 'paused after a step')
         return response
 
     async def _has_ended(self, step: Request) -> bool:
-        """Wait for the end of a step for some time; return whether it has come."""
+        """Wait for the end of a step up to a limit; return whether it has come."""
         end = time.monotonic() + STEP_TIMEOUT_S
         step.add_done_callback(lambda _: self._wake())
         while not step.done() and time.monotonic() < end:
@@ -85,7 +85,7 @@ class RigServices:
         return step.done()
 
     def _on_step_to_impact(self, _request: Any, response: Any) -> Any:
-        # There may be none for a long time.
+        # There may be no impact for a long time.
         text = 'running on until after the next impact'
         engine = self._engine
         self._answer(response, engine.ask(engine.step, to_impact=True), text)

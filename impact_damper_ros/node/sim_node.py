@@ -3,7 +3,7 @@
 The node `sim_node`: the rig on a ROS 2 network.
 
 The engine's thread moves the rig and publishes; the executor serves parameters and services and
-makes the reports. Nothing that the executor does changes the pace of the rig.
+makes the reports. The work of the executor does not change the pace of the rig.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ WARNING_PERIOD_S = 5.0
 
 
 class _ParameterServices(ParameterService):
-    """Those of every node; of a list in which the order does not matter."""
+    """Parameter services of every node; the order of a list does not matter here."""
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
         given = list(map(Parameter.from_parameter_msg, request.parameters))
@@ -143,7 +143,7 @@ class SimNode(Node):
                 f'{parameters.lock_step}: stamps count from 0, and /clock is published; give the '
                 'other nodes use_sim_time'
             )
-        # Carried out by the executor, whatever thread asks for it
+        # Run by the executor, whatever thread requests it
         self._post = executor.create_task
         self._warned_s: dict[str, float] = {}
         node = self.get_fully_qualified_name()
@@ -154,11 +154,11 @@ class SimNode(Node):
         self._network = Network(self, '/clock' if parameters.simulated_time else '', commands)
         self._topic_publishers = self._advertise(parameters)
         priority = parameters.priority
-        # Of this thread and those that it starts. One lower than that of the engine, so that they
-        # never keep it waiting, but those of other programs do not keep them from releasing the
-        # interpreter.
+        # The priority of this thread and those that it starts is one lower than that of the
+        # engine: they never keep the engine waiting, and threads of other programs do not keep
+        # them from releasing the interpreter.
         take_priority(max(1, priority - 1) if priority else 0)
-        # Compiled by itself, as the compiler would keep the rig waiting
+        # Compiled by another process: the compiler would keep the rig waiting.
         compile_elsewhere()
         self._theory = TheoryThread(partial(self._post, self._follow_theory))
         self._theory.enable(parameters.predict_motion)
@@ -181,15 +181,15 @@ class SimNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         period_s = 1.0 / RIG_TOPICS['diagnostics'].rate_of(parameters)
         self.create_timer(period_s, self._report, clock=steady)
-        # What the topic `theory` and the diagnostics said last
+        # The last theory in the topic `theory` and in the diagnostics
         self._document, self._prediction = '', self._theory.prediction
         self._theory_publisher = self._publisher(
             StringMessage, 'theory', _qos(LIVE_TOPICS['theory'].qos), self._on_listener
         )
         RigServices(self, self.engine, partial(self._post, lambda: None))
-        #: Those that ROS shows; the engine has them as soon as it goes on
+        #: The parameters that ROS shows; the engine has them as soon as it goes on
         self._parameters_set = self._judged = parameters
-        # What of the last change waits, in words
+        # The waiting part of the last change, in words
         self._waits = ''
         self.add_pre_set_parameters_callback(self._read)
         self.add_on_set_parameters_callback(self._judge)
@@ -234,7 +234,7 @@ class SimNode(Node):
         return result
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
-        """Set what can be set of a list, at one instant: its order does not matter."""
+        """Set the admissible part of a list, at one instant: its order does not matter."""
         changes = [one for one in parameter_list if not self._is_fixed_at(one)]
         together, reasons = admissible_part(changes, self._parameters_set, self.has_parameter)
         result = SetParametersResult(successful=True)
@@ -247,7 +247,7 @@ class SimNode(Node):
             for one in parameter_list
         ]
 
-    # At start
+    # Start
 
     def _declare(self, parameters: NodeParameters) -> None:
         for name, value in parameters.as_dict().items():
@@ -333,7 +333,7 @@ class SimNode(Node):
         return bool(coerce(parameter).value == self.get_parameter(name).value)
 
     def _read(self, request: list[Parameter]) -> list[Parameter]:
-        """Return a request as it is meant; before it is set."""
+        """Return a request in the declared types and units, before it is set."""
         return readable(request, self._parameters_set.rig, self.has_parameter)
 
     def _judge(self, request: list[Parameter]) -> SetParametersResult:
@@ -343,7 +343,7 @@ class SimNode(Node):
             after = before.with_changes(values_in(request))
             wait_for(self.engine.ask(self.engine.check, after))
             if after.record and not before.record:
-                # Whether a recording can begin is known only after a try.
+                # Only a try shows whether a recording can begin.
                 self._open_recording(after)
         except Exception as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -351,7 +351,7 @@ class SimNode(Node):
         return SetParametersResult(successful=True)
 
     def _follow(self, request: list[Parameter]) -> None:
-        """Have the engine make a change that was accepted; wait until it is in effect."""
+        """Let the engine make an accepted change; wait until it is in effect."""
         before, self._parameters_set = self._parameters_set, self._judged
         after, node = self._parameters_set, self.get_fully_qualified_name()
         event = ParameterEvent(0, node, (), tuple(map(_recorded_parameter, request)), ())
@@ -366,7 +366,7 @@ class SimNode(Node):
             pass  # it is shutting down
 
     def _follow_change(self, before: NodeParameters, after: NodeParameters) -> None:
-        """Do what follows from a change beside the motion of the rig."""
+        """Make the consequences of a change other than the motion of the rig."""
         self._describe(after)
         self._diagnostics.factor = after.real_time_factor
         if (hint := frequency_hint(after.rig)) and hint != frequency_hint(before.rig):
@@ -429,12 +429,12 @@ class SimNode(Node):
         self._follow_theory()
 
     def _on_listener(self, info: Any) -> None:
-        """Have the curve over the gap computed while someone listens to the topic."""
+        """Let the curve over the gap be computed while the topic has subscribers."""
         self._theory.want_documents(info.current_count > 0)
         self._follow_theory()
 
     def _follow_theory(self) -> None:
-        """Report and publish what is new of the theory."""
+        """Report and publish new results of the theory."""
         theory = self._theory
         if theory.document != self._document:
             self._document = theory.document
@@ -458,7 +458,7 @@ _MESSAGE_TYPES = {
 }
 
 
-#: Types of `COMMAND_TOPICS`, and how a message is read.
+#: Types of `COMMAND_TOPICS`, and the functions that read their messages.
 _COMMANDS = {
     'stop_commands': (JointState, read_stop_command),
     'force_command': (WrenchStamped, read_force_command),
@@ -486,7 +486,7 @@ def _description_of(parameters: NodeParameters) -> str:
 def _run(node: SimNode, executor: SingleThreadedExecutor, ended: Sequence[int]) -> int:
     """Run the node until a signal has come, or its engine fails."""
     try:
-        # The garbage collector need not go through the present objects again.
+        # The garbage collector need not visit the present objects again.
         gc.freeze()
         executor.add_node(node)
         node.start()
@@ -494,7 +494,7 @@ def _run(node: SimNode, executor: SingleThreadedExecutor, ended: Sequence[int]) 
             try:
                 executor.spin_once(timeout_sec=LOOK_PERIOD_S)
             except Exception:
-                # For instance a malformed request, which must not stop the rig
+                # A callback may fail by a malformed request, which must not stop the rig.
                 node.get_logger().error(f'a callback failed:\n{traceback.format_exc()}')
     finally:
         # The terminal may be closed.
@@ -536,8 +536,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Run the node.
 
     rclpy's own signal handler shuts ROS down from a thread of its own, and a second signal meets
-    guard conditions that are just being freed. Here a signal is only noted. It is ignored from
-    the end on, as an impatient one must not spoil the exit code.
+    guard conditions that are just being freed. Here a signal is only noted. Signals are ignored
+    from the end on, so that a repeated one does not change the exit code.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     ended: list[int] = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node prints at its start, and what it says of arguments that it cannot read."""
+"""The message of the node at its start, and that on arguments that it cannot read."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .parameters import NodeParameters
 
 
 def argument_fault(error: Exception, arguments: Sequence[str]) -> str:
-    """Return what is wrong with arguments that rcl cannot parse, and what to write instead."""
+    """Return the fault of arguments that rcl cannot parse, and the remedy."""
     for option, word in pairwise(arguments):
         if option == '--params-file' and (fault := fault_of_file(Path(word))):
             return fault
@@ -33,7 +33,7 @@ def argument_fault(error: Exception, arguments: Sequence[str]) -> str:
 
 
 def given_text(given: Mapping[str, Any], applied: Sequence[str]) -> str:
-    """Return which parameters are given, and by what: values by name, and entries of files."""
+    """Return the number of given parameters and their sources, in words."""
     count = sum(name in ALL_SPECS for name in given)
     places = ', '.join(map(printable, applied))
     return f'{count} of {len(ALL_SPECS)} are given, by {places}' if count else 'all by default'

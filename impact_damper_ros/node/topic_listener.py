@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Some seconds of a topic of anybody, with what a rig publishes beside it, as messages in CDR."""
+"""Some seconds of any topic, and of topics of the same rig, as messages in CDR."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .raw_subscription import RawSubscription
 #: Time within which a topic has to be found, s.
 PATIENCE_S = 10.0
 _POLL_S = 0.002
-#: Reliable, and with what was published before, if all publishers offer that.
+#: Reliable, and with earlier messages, if all publishers offer that.
 _AS_OFFERED = QoSProfile(
     depth=5000,
     reliability=ReliabilityPolicy.BEST_AVAILABLE,
@@ -29,7 +29,7 @@ _AS_OFFERED = QoSProfile(
 
 
 class TopicError(Exception):
-    """A topic that nobody publishes; the text has those that there are."""
+    """A topic without publisher; the text lists the topics that there are."""
 
 
 def listen(
@@ -45,15 +45,15 @@ def listen(
     Parameters
     ----------
     topic : str
-        Its full name.
+        Full name of the topic.
     beside : sequence of str
-        Topics that are taken, too, if they are published.
+        Other topics that are taken, too, if they are published.
     types : sequence of str
         Types of messages that can be used.
     seconds : float
-        How long to listen, from the first message on.
+        Duration, from the first message on.
     progress : callable, optional
-        Called with the seconds that are over.
+        Called with the seconds so far.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class _Listener:
         end = begin + PATIENCE_S
         first: float | None = None
         while time.monotonic() < end:
-            # What is beside the topic may be discovered after it
+            # Other topics may be discovered after the topic.
             self._subscribe(topic, beside)
             self._take()
             if first is None and any(m.topic == topic for m in self._messages):

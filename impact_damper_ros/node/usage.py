@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says of itself without a rig, and without ROS."""
+"""Usage and version of the node, which need no rig and no ROS."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Parameters, with unit and range: ros2 param describe /sim_node NAME"""
 
 
 def answer(arguments: Sequence[str]) -> bool:
-    """Print usage or version if that is what the first argument asks for."""
+    """Print usage or version if the first argument requests it."""
     texts = {'--version': f'sim_node (impact_damper_ros) {__version__}'}
     text = {'-h': USAGE, '--help': USAGE, **texts}.get(arguments[0]) if arguments else None
     if text is not None:

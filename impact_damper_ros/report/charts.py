@@ -34,9 +34,9 @@ from .swept_response_figure import draw_response
 
 #: Least height of the Poincaré section, as a share of the largest velocity in it.
 _LEAST = 0.05
-#: More marks than this are drawn as pixels, which take the same room for any number.
+#: More marks than this are drawn as pixels, whose image has the same size for any number.
 _MOST_MARKS = 300
-#: Points closer than the width of the axes by this are one.
+#: Points closer than this share of the width of the axes are one.
 _RASTER = 700.0
 #: Colours of the stops for pixels, visible on a light and on a dark page.
 _BOTH = {1: '#17a0a8', 2: '#9a72d0'}
@@ -58,7 +58,7 @@ def _cloud(axes: Any, kinds: Sequence[_Points]) -> None:
     for kind in kinds:
         place = np.stack([(kind.x - left) / (right - left), (kind.y - low) / (high - low)])
         rows.append(np.unique(np.round(_RASTER * place), axis=1, return_index=True)[1])
-    # All kinds alike, so that none looks as if it had more points
+    # All kinds have marks of one size, so that no kind seems to have more points.
     dense = sum(map(len, rows)) > _MOST_MARKS
     pixels = {'marker': 'o', 'markersize': 1.6, 'rasterized': True}
     for kind, seen in zip(kinds, rows, strict=True):
@@ -91,7 +91,7 @@ def _draw_section(stretch: StretchComparison) -> Picture | None:
     axes = panel('phase of the force at the impact [cycles]', '')
     unit_axis(axes.yaxis, 'Z′ just after the impact', 'm/s', *velocities)
     axes.set_xlim(0.0, 1.0)
-    # Points at one place, a settled motion on one stop, need no axis of seven digits
+    # Points at one place, as of a settled motion on one stop, need no axis with seven digits.
     sizes = np.abs(np.concatenate(velocities))
     least = _LEAST * float(np.max(sizes[np.isfinite(sizes)], initial=0.0))
     axes.set_ylim(finite_range(*velocities, margin=0.1, least=least))
@@ -119,7 +119,7 @@ def _draw_section(stretch: StretchComparison) -> Picture | None:
     return picture_of(axes, 'Poincaré section', caption)
 
 
-#: Periods of the convergence that are drawn after it has reached its floor, at least.
+#: Least number of periods that are drawn after the distance has reached its floor.
 _TAIL = 20
 
 
@@ -137,7 +137,7 @@ def _slopes(axes: Any, curve: Convergence) -> None:
         (curve.decay.predicted, 'theory', 1.2, 'predicted'),
     ):
         if math.isfinite(factor) and factor > 0.0:
-            # Through the middle of the points, so that the slopes can be compared
+            # The lines pass through the middle of the points, so that the slopes can be compared.
             begin = np.mean(np.log(distance[used]) - count[used] * math.log(factor))
             slope = np.exp(begin + count * math.log(factor))
             slope = np.where((slope >= low) & (slope <= high), slope, np.nan)
@@ -180,7 +180,7 @@ def _draw_convergence(stretch: StretchComparison) -> Picture | None:
 
 #: Harmonics of the force up to which the spectrum is drawn, with room for the last.
 _HARMONICS = 9.4
-#: How far below the largest line the spectrum is drawn, as a factor.
+#: Lowest level of the spectrum that is drawn, as a share of the largest line.
 _DEPTH = 1e-6
 #: Predicted lines below this share of the largest are errors of the integration.
 _SEEN = 1e-5
@@ -226,7 +226,7 @@ def _draw_spectrum(stretch: StretchComparison) -> Picture | None:
     return picture_of(axes, 'Spectrum', caption)
 
 
-#: How much higher than all else the part of a gap curve may be that is not viable.
+#: Factor by which the part of a gap curve that is not viable may exceed the rest.
 _TALLEST = 2.5
 _MOST_SPECIAL = 6
 _KINDS = ('stable', 'unstable', 'not viable')
@@ -246,7 +246,7 @@ def _draw_gap_curve(stretch: StretchComparison) -> Picture | None:
         finite_range(others, *(ratio[chosen] for ratio, chosen in pairs), margin=0.08)[1]
         for pairs in ([(b[1], b[3]) for b in branches], [(b[1], ...) for b in branches])
     )
-    # Motions that the rig cannot perform must not press the others down
+    # Motions that the rig cannot perform must not determine the scale.
     top = top if top <= _TALLEST * wanted else wanted
     axes = panel('', 'Xmax / A')
     unit_axis(axes.xaxis, 'gap d', 'm', gap)
@@ -299,7 +299,7 @@ def _gap_caption(curve: Mapping[str, Any], gap: float) -> str:
 
 
 def _draw_decay(stretch: StretchComparison) -> Picture | None:
-    """Draw the amplitude of a rig that is left to itself over time."""
+    """Draw the amplitude of a ring-down over time."""
     found = stretch.ring_down
     if found is None:
         return None
@@ -311,7 +311,7 @@ def _draw_decay(stretch: StretchComparison) -> Picture | None:
 
 
 def _draw_loss(stretch: StretchComparison) -> Picture | None:
-    """Draw what each cycle of a rig that is left to itself loses."""
+    """Draw the loss of each cycle of a ring-down."""
     found = stretch.ring_down
     if found is None:
         return None
@@ -336,7 +336,7 @@ def _draw_response(stretch: StretchComparison) -> Picture | None:
     return picture_of(axes, 'Response over frequency', caption, 2)
 
 
-#: Charts of a stretch by the name that begins their ids, in the order of the page.
+#: Charts of a stretch by the first word of their ids, in the order of the page.
 PICTURES: dict[str, Callable[[StretchComparison], Picture | None]] = {
     'history': draw_history,
     'decay': _draw_decay,

@@ -104,7 +104,7 @@ def overview_table(
 
 
 def _work_of(rigs: Iterable[RigParameters]) -> str:
-    """Return what does work on rigs, as the name of that work."""
+    """Return the name of the work of force and base on rigs."""
     groups = {name for rig in rigs for name in _moving(rig)}
     if groups == {'base'}:
         return 'work of the base'
@@ -122,7 +122,7 @@ def _moving(rig: RigParameters) -> Iterator[str]:
 def overall_table(
     stretches: Sequence[StretchComparison], overall: Overall | None, note: str
 ) -> Table | None:
-    """Return swing, impacts and energy of whole stretches and of the run; None if not known."""
+    """Return |X|, impacts and energy of whole stretches and of the run; None if unknown."""
     known = {str(s.number): s.overall for s in stretches if s.overall is not None}
     if overall is None or not known:
         return None
@@ -165,7 +165,7 @@ def _pair(name: str, unit: str, measured: float, predicted: float) -> tuple[str,
 
 
 def comparison_table(stretch: StretchComparison) -> Table | None:
-    """Return what was measured and predicted of a motion; None if nothing was measured."""
+    """Return the measured and predicted numbers of a motion; None if nothing was measured."""
     measured, orbit = stretch.measured, stretch.predicted
     if measured is None:
         return None
@@ -204,7 +204,7 @@ def comparison_table(stretch: StretchComparison) -> Table | None:
 
 
 def ring_down_table(stretch: StretchComparison) -> Table | None:
-    """Return what the cycles of a ring-down lose, by their amplitude; None if it is none."""
+    """Return the losses of the cycles of a ring-down, by amplitude; None for another stretch."""
     found = stretch.ring_down
     if found is None:
         return None
@@ -241,7 +241,7 @@ def ring_down_table(stretch: StretchComparison) -> Table | None:
 
 
 def response_table(stretch: StretchComparison) -> Table | None:
-    """Return what M does at the steps of a sweep; None if there is none."""
+    """Return the response of M at the steps of a sweep; None if there is none."""
     found, rig = stretch.response, stretch.parameters
     if found is None:
         return None
@@ -300,7 +300,7 @@ def impact_table(stretch: StretchComparison) -> Table | None:
             one, other = _entry(there, i), _entry(here, i)
             apart = one - other
             if field == 'phases' and orbit is not None:
-                # The same instant may be counted from another cycle of the force.
+                # Both may count the same instant from different cycles of the force.
                 apart = math.remainder(apart, orbit.cycles)
             digits = (9, 9, 2) if field == 'phases' else (7, 7, 2)
             for row, value, count in zip(rows, (one, other, apart), digits, strict=True):
@@ -318,7 +318,7 @@ def _entry(values: Sequence[float], index: int) -> float:
 
 
 def energy_table(stretch: StretchComparison) -> Table | None:
-    """Return where the energy of a period came from and went; None if that is not known."""
+    """Return the balance of energy of a period; None if unknown."""
     energy = stretch.energy
     if energy is None:
         return None
@@ -395,7 +395,7 @@ def parameter_table(stretch: StretchComparison, before: StretchComparison | None
     return Table([*columns, ColumnHead('before')], [('', lines)], 'Changed parameters', note)
 
 
-#: What is shown of a stretch, in order.
+#: The tables of a stretch, in order.
 STRETCH_TABLES = (
     *(impact_table, ring_down_table, response_table),
     *(comparison_table, multiplier_table, energy_table),

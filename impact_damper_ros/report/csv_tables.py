@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CSV tables of impacts and states, the same from every command; 17 digits."""
+"""CSV tables of impacts and states, the same from every command, with 17 digits."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def impact_rows(events: Sequence[Event]) -> str:
 
 
 class CsvTable(Protocol):
-    """What rows are written to."""
+    """A table to which rows are written."""
 
     def write(self, rows: str, /) -> object:
         """Write some rows."""
@@ -56,7 +56,7 @@ _BLOCKS = 100
 
 
 class _Rows:
-    """Rows of a file, written in blocks; where not all of a block fit, none of them is cut."""
+    """Rows of a file, written in blocks; a full disk cuts no row."""
 
     def __init__(self, stream: FileIO, path: Path) -> None:
         self._stream, self._path = stream, path
@@ -75,7 +75,7 @@ class _Rows:
                 done += self._stream.write(rows[done:])
         except OSError as error:
             error.filename = str(self._path)
-            # Not of a pipe
+            # A pipe cannot be cut back.
             with suppress(OSError):
                 complete = rows.rfind(b'\n', 0, done) + 1
                 self._stream.truncate(self._stream.tell() - done + complete)
@@ -84,7 +84,7 @@ class _Rows:
 
 @contextmanager
 def _file(path: Path) -> Iterator[CsvTable]:
-    """Write a table into a file, by whole rows; one that ends early stays `part_of` it."""
+    """Write a table into a file, by whole rows; one that ends early stays at `part_of` it."""
     with whole(path, part=True) as draft, draft.open('wb', buffering=0) as stream:
         table = _Rows(stream, path)
         try:
@@ -94,7 +94,7 @@ def _file(path: Path) -> Iterator[CsvTable]:
 
 
 def open_table(path: Path | None, columns: Sequence[str], stack: ExitStack) -> CsvTable | None:
-    """Open a table, if one is asked for, and write its head; - stands for standard output."""
+    """Open a table, if a path is given, and write its head; - stands for standard output."""
     if path is None:
         return None
     table: CsvTable = sys.stdout if str(path) == '-' else stack.enter_context(_file(path))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a design says: the table, the words, JSON, and the figure beside a tuned mass damper."""
+"""The report of a design: table, text, JSON, and the figure with mass dampers for comparison."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _span_words(span: Span, unit: str, factor: float) -> str:
 
 
 def _from_rest_words(design: Design) -> list[str]:
-    """Return what there is to say of a start from rest."""
+    """Return the sentences on a start from rest."""
     texts = []
     alone, rig = design.starts_by_itself, design.rig
     best, best_gap = quantity(design.orbit.x_max, 'm', 3), quantity(rig.gap, 'm', 4)
@@ -107,13 +107,13 @@ def _from_rest_words(design: Design) -> list[str]:
 
 
 def _fall(rig: RigParameters) -> str:
-    """Return from which speed restitution falls, if it does."""
+    """Return the speed from which restitution falls, in words; empty for a constant one."""
     speed = rig.restitution_speed
     return f', which falls with the speed from {quantity(speed, "m/s", 3)}' if speed else ''
 
 
 def design_text(design: Design, unsure: WorstCases, compared: Comparison) -> str:
-    """Return what there is to say of the chosen design."""
+    """Return the text of the chosen design."""
     half = quantity(design.gap, 'm', 4)
     texts = [
         f'Best at this level and frequency: a gap of {half} in all, which leaves '
@@ -146,7 +146,7 @@ def _ends(low: float, high: float) -> str:
 
 
 def _uncertain_words(unsure: WorstCases) -> str:
-    """Return what is uncertain, and how much."""
+    """Return the uncertain parameters and their ranges in words."""
     bounces = [ends for name, ends in unsure.ranges.items() if name.startswith('restitution')]
     parts = []
     if bounces:
@@ -162,7 +162,7 @@ def _uncertain_words(unsure: WorstCases) -> str:
 
 
 def case_words(worst: WorstCase) -> str:
-    """Return where a worst case is."""
+    """Return a worst case in words."""
     parts = [f'level {worst.case["level"]:.4g}']
     bounces = {f'{v:.4g}' for n, v in worst.case.items() if n.startswith('restitution')}
     parts += [f'R {" and ".join(sorted(bounces))}'] if bounces else []
@@ -190,7 +190,7 @@ def _worst_words(unsure: WorstCases) -> str:
 
 
 def _spans_where(values: Array, flags: NDArray[np.bool_], unit: str = '') -> str:
-    """Return between which values something holds, in words; empty if nowhere."""
+    """Return the ranges of values that are flagged, in words; empty without any."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     parts = []
     for first, end in edges.reshape(-1, 2):
@@ -200,7 +200,7 @@ def _spans_where(values: Array, flags: NDArray[np.bool_], unit: str = '') -> str
 
 
 def _compared_words(design: Design, compared: Comparison) -> list[str]:
-    """Return the chosen damper beside mass dampers, here and over frequencies and levels."""
+    """Return the chosen damper compared with mass dampers, over frequencies and levels."""
     hertz, here = compared.frequencies / math.tau, len(compared.frequencies) // 2
     at_level = compared.damper[int(np.flatnonzero(compared.levels == 1.0)[0])]
     tunings = den_hartog(design.rig), tuned_to_excitation(design.rig)
@@ -253,7 +253,7 @@ def design_json(
     compared: Comparison,
     plan: Sequence[PlannedRun],
 ) -> dict[str, Any]:
-    """Return all that was found, SI units."""
+    """Return all results, in SI units."""
     own = (
         *('reached_from_rest', 'starts_by_itself', 'without_margin'),
         *('impulse', 'impact_speed', 'acceleration'),
@@ -322,7 +322,7 @@ def design_csv(found: Sequence[Design]) -> str:
 def design_figure(
     found: Sequence[Design], chosen: Design, unsure: WorstCases, compared: Comparison, title: str
 ) -> Figure:
-    """Draw how heavy, which gap, over frequency and over level."""
+    """Draw |X| over mass, gap, frequency and level."""
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 

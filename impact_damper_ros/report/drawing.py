@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Of Okabe and Ito: distinguished with any kind of colour vision
+# Colours of Okabe and Ito, distinguished with any kind of colour vision
 BLUE, ORANGE, GREEN, PURPLE = '#0072b2', '#d55e00', '#009e73', '#aa4499'
 
-#: Colours by their use, one for each thing in all figures and in both pages, which have a variable
-#: of each name, with another value in a dark scheme. The theory is in ink, over the measurement.
+#: Colours by their use, in all figures and in both pages, which have a variable of each name, with
+#: another value in a dark scheme. Theory is in ink, over the measurement.
 COLORS = {
     'ink': '#1b1f24',
     'quiet': '#5c6570',
@@ -107,7 +107,7 @@ _PAGE = {
 
 @contextmanager
 def page_style() -> Iterator[None]:
-    """Draw in the style of the page, whatever matplotlibrc says, and restore it afterwards."""
+    """Draw in the style of the page, whatever matplotlibrc sets; then restore the style."""
     import matplotlib as mpl
 
     settings = {**mpl.rcParamsDefault, 'backend': mpl.rcParams['backend'], **_PAGE}
@@ -170,13 +170,13 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int, **look: A
     figure.get_layout_engine().set(rect=(0.0, share, 1.0, 1.0 - share))
 
 
-#: What of an SVG is a document's own; ids and what refers to them.
+#: Parts of an SVG that belong to a file of its own; ids and the references to them.
 _DOCUMENT = re.compile(r'<metadata>.*?</metadata>|<style [^>]*>.*?</style>', re.DOTALL)
 _ID = re.compile(r'(\bid="|href="#|url\(#)')
 
 
 def inline_svg(figure: Figure, key: str, label: str) -> str:
-    """Return a figure as an element of an HTML page, in the colours of that, with its own ids."""
+    """Return a figure as an element of an HTML page, in its colours, with unique ids."""
     content = io.StringIO()
     nothing = dict.fromkeys(('Date', 'Creator', 'Format', 'Type'))
     figure.savefig(content, format='svg', metadata=nothing, dpi=144)
@@ -222,7 +222,7 @@ def draw_impacts(axes: Any, impacts: Any, start: float, end: float) -> None:
 
 
 def unit_axis(axis: Any, label: str, name: str, *values: ArrayLike) -> Unit:
-    """Label an axis in the handy unit of some values, which are drawn in SI units; return it."""
+    """Label an axis in the handy unit of values that are drawn in SI units; return the unit."""
     unit = unit_for(name, *values)
     axis.set_label_text(f'{label} [{unit.name}]')
     axis.set_major_formatter(lambda value, _: number(unit.factor * value))

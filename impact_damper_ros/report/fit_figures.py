@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 _LABELS = {'displacement': 'X', 'velocity': "X'", 'acceleration': "X''"}
-#: Most samples that are drawn one by one: of more, every second or third.
+#: Most samples that are drawn; of more samples every second or third.
 _MOST_DRAWN = 6000
 
 
@@ -71,7 +71,7 @@ def _motion_picture(
 
 
 def _histogram(residuals: Array, deviation: float) -> Picture | None:
-    """Draw the distribution of the residuals beside that of normal noise."""
+    """Draw the distribution of the residuals, and that of normal noise."""
     relative = residuals[np.isfinite(residuals)] / (deviation or 1.0)
     if len(relative) < 50:
         return None
@@ -111,7 +111,7 @@ def _intervals(parameters: dict[str, Estimate]) -> Picture:
     return Picture(
         figure,
         'Intervals',
-        'What the data leave open of each parameter; the axis is linear between −1 and 1 %.',
+        'Interval of each parameter; the axis is linear between −1 and 1 %.',
     )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit says: the text, JSON, the notes of a parameters file, and the page."""
+"""The report of a fit: text, JSON, notes of a parameters file, and the page."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .formatting import NONE, number, quantity
 from .html_page import on_page, render, write_page
 from .table import Table
 
-#: White residuals are within this of 0, in standard deviations of their correlation.
+#: Largest correlation of white residuals, in its standard deviations.
 _WHITE = 3.0
 _MOST_FLIGHTS = 300
 
@@ -82,7 +82,7 @@ def fit_notes(parameters: dict[str, Estimate]) -> dict[str, str]:
 
 
 def _independent(found: RigFit) -> list[str]:
-    """Return the names of the parameters, one for the restitution that both stops share."""
+    """Return the names of the parameters, with one for a restitution that both stops share."""
     return [n for n in found.parameters if n != 'restitution_2' or not _common(found)]
 
 
@@ -167,7 +167,7 @@ def correlation_table(found: RigFit) -> Table:
 
 
 def check_table(found: RigFit) -> Table | None:
-    """Return what the model leaves out, and whether the data ask for it."""
+    """Return effects that the model leaves out, and the evidence of the data for them."""
     if not found.checks:
         return None
     rows = [
@@ -186,7 +186,7 @@ def check_table(found: RigFit) -> Table | None:
 
 
 def flight_table(found: RigFit) -> Table:
-    """Return the flights between impacts, those that are not used with the reason."""
+    """Return the flights between impacts, unused ones with the reason."""
     shown: Iterable[Any] = found.flights
     left = len(found.flights) - _MOST_FLIGHTS
     note = 'The residual is the root mean square over the noise.'

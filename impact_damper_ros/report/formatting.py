@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers and units as readers see them: in a handy unit, with the digits they carry."""
+"""Numbers and units for readers: in a handy unit, with their significant digits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 _PREFIXES = ((1.0, ''), (1e3, 'm'), (1e6, 'µ'), (1e9, 'n'))
 _MINUS = '\N{MINUS SIGN}'
-#: What stands for a number that is not there.
+#: Sign of a missing number.
 NONE = '–'
 
 
@@ -37,7 +37,7 @@ _MODES = {'SLIDE_DOWN': 'slide towards stop 1', 'SLIDE_UP': 'slide away from sto
 
 
 def mode_words(mode: str) -> str:
-    """Return the name of a mode in words that hold at any angle, on the level too."""
+    """Return the name of a mode in words that are right at any angle."""
     return _MODES.get(mode, mode.lower().replace('_', ' '))
 
 
@@ -45,7 +45,7 @@ def number(value: float | None, digits: int = 6) -> str:
     """Return a number with significant digits, or a dash if there is none."""
     if value is None or math.isnan(value):
         return NONE
-    # What is zero as printed has no sign.
+    # A number that is printed as zero has no sign.
     return f'{value + 0.0:.{digits}g}'.replace('-', _MINUS).replace('inf', '∞')
 
 

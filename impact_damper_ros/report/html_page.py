@@ -2,8 +2,7 @@
 """
 A report as one page of HTML: its frame, its pictures, its text made safe, its file.
 
-A page needs nothing but itself: no network, no script, no other file. It has the same bytes for
-the same result.
+A page needs no network, no script and no other file. It has the same bytes for the same result.
 """
 
 from __future__ import annotations
@@ -46,8 +45,9 @@ def _safe(value: Any) -> Any:
     """
     Return a value without control characters.
 
-    What comes from a recording may hold anything. Control characters, such as turn the direction
-    of writing, and lone surrogates are shown as a replacement character. Pictures are no text.
+    Texts of a recording may hold any character. Control characters, such as those that turn the
+    direction of writing, and lone surrogates are shown as a replacement character. Pictures are
+    not changed.
     """
     if type(value) is not str:
         return value

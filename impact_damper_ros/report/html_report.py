@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The report of `compare_run`: one page that holds all it shows, and the numbers as JSON.
+The report of `compare_run`: one page, and its numbers as JSON.
 
-The page needs nothing but itself: no network, no script, no other file. It has the same bytes for
-the same recording.
+The page needs no network, no script and no other file. It has the same bytes for the same
+recording.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .html_page import Shown, on_page, render, write_page
 from .motion_charts import draw_run
 from .swept_response_figure import base_amplitude
 
-#: Stretches that are shown in detail, and those that are listed: more would make the page useless.
+#: Most stretches that are shown in detail, and that are listed.
 MOST_DETAILED, MOST_LISTED = 12, 300
 _MOST_FINDINGS = 20
 
@@ -86,7 +86,7 @@ def shown_stretches(
 
 
 def _sweep_tiles(rig: RigParameters, found: SweptResponse) -> Iterator[tuple[str, str, str]]:
-    """Yield the largest values of a sweep, and where they are."""
+    """Yield the largest values of a sweep, and their frequencies."""
     values = [('Largest |X|', 'm', found.x, found.x_without)]
     if rig.swept == 'base':
         base = base_amplitude(rig, found)
@@ -139,7 +139,7 @@ def _tiles(stretch: StretchComparison) -> Iterator[tuple[str, str, str]]:
 
 
 def _findings(stretch: StretchComparison) -> Iterator[str]:
-    """Yield what contradicts the log."""
+    """Yield the contradictions to the log."""
     for difference in stretch.differences[:_MOST_FINDINGS]:
         yield f'{instant(difference.time)} s: {difference.text}'
     if (left := len(stretch.differences) - _MOST_FINDINGS) > 0:
@@ -162,7 +162,7 @@ def _pictures(stretch: StretchComparison) -> tuple[list[Shown], list[str]]:
 
 
 def _detail(stretch: StretchComparison, before: StretchComparison | None) -> dict[str, Any]:
-    """Return what the template shows of a stretch."""
+    """Return the entries of the template for a stretch."""
     pictures, missing = _pictures(stretch)
     impacts, *left, energy = (make(stretch) for make in STRETCH_TABLES)
     evidence = '' if stretch.evidence in stretch.sentence else stretch.evidence
@@ -209,7 +209,7 @@ def _overview(comparison: RunComparison, detailed: Sequence[StretchComparison]) 
 
 
 def _head(comparison: RunComparison, command: str) -> dict[str, Any]:
-    """Return the verdicts on the whole run, and how the report came about."""
+    """Return the verdicts on the whole run, and the origin of the report."""
     counts = [(v, sum(s.verdict is v for s in comparison.stretches)) for v in Verdict]
     size = f'{plural(len(comparison.stretches), "stretch")} of constant parameters in '
     size += f'{instant(comparison.end - comparison.start)} s, '
@@ -233,8 +233,8 @@ def _head(comparison: RunComparison, command: str) -> dict[str, Any]:
         'checked': checked,
         'facts': [*facts, ('Command', command)] if command else facts,
         'origin': (
-            'What is measured is that of the replayed recording, with all its digits. What is '
-            'predicted is the exact periodic motion for the logged parameters. report.json '
+            'Measured values are those of the replayed recording, with all digits. The predicted '
+            'motion is the exact periodic motion for the logged parameters. report.json '
             'beside this page contains all numbers, including those of the stretches without a '
             'section here.'
         ),
@@ -293,11 +293,11 @@ def write_report(
     Parameters
     ----------
     comparison : RunComparison
-        What to report.
+        The result to report.
     directory : Path
-        Where; made if it is not there.
+        Directory of the report; made if absent.
     command : str, optional
-        The command line that was given, to be shown on the page.
+        The command line, which the page shows.
     done : callable, optional
         Called after each step: two for each of the stretches that are shown in detail.
 

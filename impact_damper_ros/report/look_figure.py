@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What measured data were read as, before anything is fitted to them."""
+"""The figure of measured data as they are read, before a fit."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MOST_PANELS = 12
 
 
 class RawColumn(NamedTuple):
-    """A column as it is in a file, over time in s: what it is read as, and its factor to SI."""
+    """A column of a file over time in s, with its use and its factor to SI."""
 
     title: str
     time: Array
@@ -49,7 +49,7 @@ def raw_columns(path: Path, options: ReadingOptions = NO_OPTIONS) -> list[RawCol
     found = []
     for place, head in enumerate(sheet.headings):
         role, factor = roles.get(place, ('', 1.0))
-        # A column of text is none
+        # A column of text is left out.
         with contextlib.suppress(TableError):
             (time, values), _ = sheet.read([clock.place, place])
             if not role.startswith('time'):
@@ -71,7 +71,7 @@ def message_columns(messages: TopicMessages, options: ReadingOptions) -> list[Ra
 def look_figure(
     columns: Sequence[RawColumn], data: MeasuredMotion | None, title: str = ''
 ) -> Figure:
-    """Draw each column over time, and in that of M what is not used, and the impacts."""
+    """Draw each column over time, and in that of M the unused samples and the impacts."""
     columns = sorted(columns, key=lambda column: (column.role != 'motion', not column.role))
     columns = columns[:_MOST_PANELS]
     figure = blank_figure(6.3, 1.0 + 1.25 * len(columns), title)
@@ -84,7 +84,7 @@ def look_figure(
         if column.role == 'motion' and data is not None:
             motion, unused = data.motion / column.factor, ~data.used
             panel.plot(data.time[unused], motion[unused], '.', color=COLORS['special'], ms=3)
-            # What stands for a missing sample may be far beyond all others
+            # A number that stands for a missing sample may be far beyond all others.
             pad = 0.1 * float(np.ptp(motion))
             panel.set_ylim(motion.min() - 2.0 * pad, motion.max() + pad)
             notes += [f'{unused.sum()} of {len(unused)} samples not used'] * bool(unused.any())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a motion over time, and of its phase portraits, beside the predicted one."""
+"""Pictures of a motion over time, and of its phase portraits, with the predicted motion."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def prediction_look(stretch: StretchComparison) -> dict[str, Any]:
     orbit = stretch.predicted
     words = 'stable' if orbit is None else orbit.stability
     label = 'predicted' if words == 'stable' else f'predicted, but {words}'
-    # Over the recorded motion, which is wider, each is in the ink of the theory.
+    # Each line is in the ink of theory, over the recorded motion, which is wider.
     look = {'color': COLORS['theory'], 'linewidth': 1.0, 'zorder': 3.5}
     return {**MOTION_LINES[words], **look, 'label': label}
 
@@ -47,7 +47,7 @@ def prediction_look(stretch: StretchComparison) -> dict[str, Any]:
 _MOST_NUMBERS = 30
 #: Pieces of the picture of the whole run, all stretches together, and of one of them at least.
 _MOST_PIECES, _LEAST_PIECES = 1200.0, 8.0
-#: Cycles of the force, in all, that can be distinguished in it.
+#: Most cycles of the force that can be distinguished in that picture.
 _MOST_CYCLES = 160
 #: Share of the width of that picture that a number of a stretch takes.
 _NUMBER = 0.02
@@ -59,14 +59,14 @@ def cycles_in(stretch: StretchComparison) -> float:
 
 
 def source_of_curves(*stretches: StretchComparison) -> str:
-    """Return whether the curves of stretches, which are those of the replay, are in the log."""
+    """Return the source of curves in words: the replay, or the record if it is equal."""
     differs = any(stretch.log is LogVerdict.DIFFERS for stretch in stretches)
     return 'as replayed' if differs else 'as recorded'
 
 
 def _coarser(stretch: StretchComparison, envelope: Array, most: float) -> Array:
     """Return time, least and greatest X of at most so many pieces, up to the end."""
-    # Equal pieces: a short one at the end would not hold a whole oscillation.
+    # The pieces are equal: a short one at the end would not hold a whole oscillation.
     time, low, high = envelope
     count = min(len(time), int(most))
     starts = np.arange(count) * len(time) // count
@@ -80,7 +80,7 @@ def _level_lines(stretches: Sequence[StretchComparison]) -> Array:
     """Return the predicted largest |X| on both sides, from where each stretch is steady."""
     rows = []
     for stretch in stretches:
-        # What is not stable cannot last
+        # A motion that is not stable cannot last.
         if stretch.predicted is not None and stretch.predicted.stable:
             level = stretch.predicted.x_max
             since = stretch.start if stretch.settled_at is None else stretch.settled_at
@@ -99,7 +99,7 @@ def draw_run(stretches: Sequence[StretchComparison]) -> Picture | None:
     if not shown:
         return None
     axes = panel('rig time [s]', '', wide=True, height=2.8)
-    # Cycles drawn one by one would only make a pattern of their own
+    # Single cycles of so many could not be distinguished.
     crowded = sum(map(cycles_in, stretches)) > _MOST_CYCLES
     pieces = []
     for stretch, envelope in shown:
@@ -246,7 +246,7 @@ def _portrait(
     axes = panel('', '')
     unit_axis(axes.xaxis, labels[0], 'm', places[0])
     unit_axis(axes.yaxis, labels[1], 'm/s', rates[0])
-    # Of a motion that repeats, one curve lies below that of the theory.
+    # The curve of a motion that repeats lies below that of the theory.
     width = 1.4 if stretch.settled_at is None else 2.6
     how = source_of_curves(stretch)
     axes.plot(places[0], rates[0], color=COLORS[color], linewidth=width, label=how)

@@ -32,7 +32,7 @@ def _multipliers(multipliers: Sequence[complex]) -> str:
 
 
 def orbit_text(number: int, orbit: PeriodicOrbit) -> str:
-    """Return a motion with its impacts, multipliers and why it is not viable, if it is not."""
+    """Return a motion with its impacts and multipliers, and the reason if it is not viable."""
     stops = ','.join(map(str, orbit.stops))
     lines = [
         f'motion {number}: stops {stops} in {plural(orbit.cycles, "cycle")} '

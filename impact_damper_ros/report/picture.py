@@ -14,7 +14,7 @@ from .formatting import number
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Widths in inches. A narrow picture fits a phone as it is; a wide one is scrolled there.
+#: Widths in inches. A narrow picture fits a phone; a wide one is scrolled there.
 NARROW, WIDE = 5.3, 10.9
 #: Room beside the axes, left, right and below, and above them, for each row of the legend too.
 _MARGINS, _TOP, _ROW = (0.78, 0.22, 0.5), 0.12, 0.185
@@ -29,7 +29,7 @@ class Picture(NamedTuple):
 
     @property
     def wide(self) -> bool:
-        """Whether it is as wide as the page."""
+        """Whether the picture is as wide as the page."""
         return bool(self.figure.get_figwidth() == WIDE)
 
 
@@ -48,7 +48,7 @@ def panel(x_label: str, y_label: str, *, wide: bool = False, height: float = 3.7
 
 
 def picture_of(axes: Any, title: str, caption: str, columns: int = 0) -> Picture:
-    """Put the legend above the axes, where it hides nothing; return the picture."""
+    """Put the legend above the axes, and return the picture."""
     count = len(axes.get_legend_handles_labels()[0])
     columns = columns or max(1, count)
     room = _TOP + _ROW * math.ceil(count / columns)
@@ -86,7 +86,7 @@ def finite_range(
     joined = np.concatenate([np.asarray(value, dtype=float).ravel() for value in values])
     joined = joined[np.isfinite(joined)]
     low, high = (float(joined.min()), float(joined.max())) if len(joined) else (-1.0, 1.0)
-    # Narrower than that, the numbers at the axis would all be the same
+    # In a narrower range all numbers at the axis would be the same.
     width = max(high - low, least, 1e-6 * max(abs(low), abs(high))) or 1.0
     middle = 0.5 * (low + high)
     return middle - width * (0.5 + margin), middle + width * (0.5 + margin)

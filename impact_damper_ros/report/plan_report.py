@@ -13,10 +13,10 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from .formatting import percent, quantity
 from .table import Table
 
-#: A run that is recorded: cycles, and samples in one of them.
+#: Cycles of a recorded run, and samples in a cycle.
 _CYCLES, _PER_CYCLE = 100, 100
-#: A sweep: its ends over the frequency, its steps, and at each the fewest cycles and the time
-#: constants of M.
+#: A sweep: its ends over the frequency, number of steps, and the least duration of a step in
+#: cycles and in time constants of M.
 _SWEPT, _STEPS, _DWELL_CYCLES, _DWELL_CONSTANTS = (0.8, 1.2), 40, 60, 8.0
 
 
@@ -72,8 +72,8 @@ def _note(runs: Sequence[PlannedRun]) -> str:
     if math.isfinite(settled.standard_deviations.restitution):
         return note
     return (
-        'In the settled motion alone R, friction and gap cannot be distinguished: its flights '
-        f'are all alike, and one law holds for them. Record the start. {note}'
+        'In the settled motion alone R, friction and gap cannot be distinguished: its flights are '
+        'all alike. Record the start. {note}'
     )
 
 

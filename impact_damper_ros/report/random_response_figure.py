@@ -16,7 +16,7 @@ from .drawing import COLORS, blank_figure, finish_panel, print_style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Part of a free vibration from which on the averages are spoilt.
+#: Largest remaining part of a free vibration with which the averages are valid.
 _SETTLED = 0.01
 #: Columns of the table.
 _COLUMNS = (

@@ -24,7 +24,7 @@ def _sizes(displacement: Array) -> str:
 
 
 def record_text(found: RecordResponse, records: Sequence[MeasuredRecord]) -> str:
-    """Return the result in words."""
+    """Return the response to measured records in words."""
     moved = any(record.quantity == BASE_RECORD for record in records)
     what = '|X - b|' if moved else '|X|'
     lines = [f'records     {what} {_sizes(found.displacement)}']

@@ -109,16 +109,16 @@ def findings_text(findings: Findings, recorded: RecordedRun) -> str:
         lines.append(f'differences {parts}')
         lines += _divergence_lines(findings)
     lines.append(f'verdict     {_verdict(findings)}')
-    # Names of topics and texts of faults come from the bag
+    # Names of topics and texts of faults come from the bag, and may hold any character.
     return '\n'.join(map(as_line, lines))
 
 
-#: Counts of what was compared.
+#: Counts of compared values and messages.
 _COMPARED = (
     *('samples', 'impacts', 'gap_control', 'snapshots'),
     *('changes', 'resets', 'pauses', 'slips'),
 )
-#: Findings that are in the JSON as they are.
+#: Findings that the JSON has unchanged.
 _FINDINGS = (
     *('verdict', 'difference_count', 'differences', 'divergence', 'gaps', 'remarks', 'faults'),
     *('missing_samples', 'missing_impacts', 'missing_gap_control'),

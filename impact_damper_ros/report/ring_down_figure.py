@@ -62,7 +62,7 @@ def ring_down_text(found: RingDown) -> str:
 
 
 def draw_decay(axes: Any, found: RingDown) -> None:
-    """Draw the amplitude of each release over time, and that which the dashpot alone leaves."""
+    """Draw the amplitude of each release over time, and that with the dashpot alone."""
     omega, start = found.parameters.omega, min(run.time[0] for run in found.runs)
     one = {'lw': 1.2} if len(found.runs) == 1 else {'lw': 0.5, 'alpha': 0.5}
     for run in found.runs:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figure of a run beside its what-if."""
+"""The figure of a run and its what-if."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _BAND: dict[str, Any] = {'color': '#e69f00', 'alpha': 0.4, 'linewidth': 0}
 _DEPTH = 0.15
 #: Width of a letter of a label, as a share of that of the panel.
 _LETTER = 0.0075
-#: Changes that are written out; more of them are only marked.
+#: Most changes that are written out; otherwise they are only marked.
 _MOST_LABELS = 6
 
 
@@ -44,7 +44,7 @@ class RunRows(NamedTuple):
 
 
 class Side(NamedTuple):
-    """One of two runs that are compared: the title of its end, X over it, and its end close up."""
+    """One of two compared runs: the title of its end, X over the run, and its end in detail."""
 
     title: str
     envelope: Array  # time, least and greatest X
@@ -134,7 +134,7 @@ def draw_runs(
     changes: Sequence[tuple[float, str]] = (),
     title: str = '',
 ) -> Figure:
-    """Draw two runs: all of both over each other, and the end of each close up."""
+    """Draw two runs over each other, and the end of each in detail."""
     figure = blank_figure(11, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.5))
     largest = [s.envelope[1:] for s in sides]

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Values of a held parameter that are listed, and those of them in a figure.
+#: Most values of an overridden parameter that are listed in the text, and in a figure.
 _MOST_IN_TABLE, _MOST_IN_FIGURE = 20, 3
 _CLOSEUP_CYCLES = 4
-#: What both runs are compared by: name in the table, and in `Overall` and JSON.
+#: Quantities by which the runs are compared: name in the table, and in `Overall` and JSON.
 _QUANTITIES = (
     ('largest |X| [m]', 'x_max'),
     ('rms X [m]', 'x_rms'),
@@ -97,11 +97,11 @@ class RunPair:
     start : Command
         Where the recorded run begins.
     what_if : WhatIf
-        The other rig, there.
+        The run of the other rig.
     held : mapping
-        Parameters and initial conditions that are held, and their values.
+        Overridden parameters and initial conditions, and their values.
     drawn : bool, optional
-        Whether to keep what the figure needs.
+        Whether to keep the states for the figure.
     """
 
     def __init__(
@@ -120,12 +120,12 @@ class RunPair:
         self._other.take(other)
 
     def finish(self) -> None:
-        """Take note that both runs have ended."""
+        """Note that both runs have ended."""
         self._recorded.take(None)
         self._other.take(None)
 
     def _recorded_values(self, name: str) -> list[Any]:
-        """Return the values of a held parameter in the recorded run, in order."""
+        """Return the values of an overridden parameter in the recorded run, in order."""
         if name in self._initial:
             return [self._initial[name]]
         found: list[Any] = []
@@ -155,7 +155,7 @@ class RunPair:
         )
 
     def table(self) -> Table:
-        """Return what both runs amount to."""
+        """Return the table of the measures of both runs."""
         both = self._recorded.overall, self._other.overall
         rows = []
         for title, name in _QUANTITIES:
@@ -165,7 +165,7 @@ class RunPair:
         return Table.of_rows(['', 'recorded', 'what if', 'ratio'], rows)
 
     def as_json(self) -> dict[str, Any]:
-        """Return both for JSON, in SI units; None where something is not known."""
+        """Return both runs for JSON, in SI units; unknown values are None."""
         return {
             'set': self._held,
             'recorded_values': {name: self._recorded_values(name) for name in self._held},
@@ -175,7 +175,7 @@ class RunPair:
         }
 
     def figure(self) -> Figure:
-        """Return the figure of both; needs `drawn`."""
+        """Return the figure of both runs; needs `drawn`."""
         held = {**self._other.stretches[0].values, **self._held}
         now = ', '.join(f'{name} = {_with_unit(name, held)}' for name in self._held)
         was = []
@@ -196,7 +196,7 @@ class RunPair:
         return draw_runs((recorded, other), list(self._changes()), title)
 
     def _changes(self) -> Iterator[tuple[float, str]]:
-        """Yield when the recorded run was changed, s, and what."""
+        """Yield the instants of changes of the recorded run, s, and the changes in words."""
         before: dict[str, Any] = {}
         for stretch in self._recorded.stretches:
             values = stretch.values

@@ -30,7 +30,7 @@ from .table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Kinds of line of runs, beside the dashed one of the fixed gap.
+#: Kinds of line of runs; the dashed one is that of the fixed gap.
 _KINDS = ('-', '-.', ':')
 _LINES = (BLUE, ORANGE, GREEN, PURPLE, '#e69f00', '#56b4e9')
 
@@ -42,7 +42,7 @@ def _name(run: RunScore) -> str:
 
 
 def score_table(runs: Sequence[RunScore]) -> Table:
-    """Return the table of all stretches, and of each run as a whole beside its two references."""
+    """Return the table of all stretches, and of each whole run with its two references."""
     every = [part for run in runs for part in (*run.stretches, run.overall)]
     length = unit_for('m', [part.run.x_rms for part in every])
     energy = unit_for('J', [part.run.impact_energy for part in every])
@@ -88,7 +88,7 @@ def score_table(runs: Sequence[RunScore]) -> Table:
 
 
 def score_text(runs: Sequence[RunScore]) -> str:
-    """Return the scores as text: what was scored, and the table."""
+    """Return the scores as text: the scored runs, and the table."""
     lines = []
     for run in runs:
         log = 'log reproduced'
@@ -107,7 +107,7 @@ def score_text(runs: Sequence[RunScore]) -> str:
 
 @print_style()
 def score_figure(runs: Sequence[RunScore]) -> Figure:
-    """Draw the amplitude of X over time, and the rms of X of each run beside its references."""
+    """Draw the amplitude of X over time, and the rms of X of each run and its references."""
     figure = blank_figure(9.5, 4.2)
     left, right = figure.subplots(1, 2, width_ratios=(2.2, 1))
     largest = [run.amplitude[1] for run in runs]
@@ -116,7 +116,7 @@ def score_figure(runs: Sequence[RunScore]) -> Figure:
     alike = len({round(math.log(run.gap), 6) for run in runs}) == 1
     for count, (run, color) in enumerate(zip(runs, _line_styles(len(runs)), strict=True)):
         look = {'color': color, 'linewidth': 1.4, 'label': _name(run)}
-        # Runs that share a colour have lines of another kind.
+        # Runs that share a colour have lines of different kinds.
         kind = _KINDS[count // len(_LINES) % len(_KINDS)]
         handles += left.plot(*run.amplitude, **look, linestyle=kind)
         if not any(np.isclose(run.gap, gap, rtol=1e-6) for gap in seen):

@@ -26,7 +26,7 @@ _MOST_JUMPS, _MOST_MARKERS = 8, 100
 
 
 def level_of(rig: RigParameters, level: Array) -> tuple[Array, str]:
-    """Return the level in the unit of a test, and that."""
+    """Return the level in the unit of a test, and the unit."""
     if rig.swept == 'force':
         return level, 'N'
     scale, unit = {
@@ -69,13 +69,13 @@ def _columns(rig: RigParameters, found: SweptResponse) -> dict[str, Array]:
 
 def swept_table(rig: RigParameters, found: SweptResponse) -> str:
     """Return the steps as CSV."""
-    # Nine digits: more than a largest value between points has
+    # Nine digits: a largest value between points has fewer.
     columns = {n: [f'{v:.9g}' for v in column] for n, column in _columns(rig, found).items()}
     return csv_text({'way': np.where(found.upwards, 'up', 'down'), **columns})
 
 
 def _jumps(found: SweptResponse) -> list[int]:
-    """Return the steps at which the largest |X| jumps, but that without damper does not."""
+    """Return the steps at which the largest |X| jumps with the damper only."""
     with np.errstate(divide='ignore', invalid='ignore'):
         ratio = np.abs(np.diff(np.log(found.x)))
         smooth = np.abs(np.diff(np.log(found.x_without)))
@@ -116,7 +116,7 @@ def swept_text(rig: RigParameters, found: SweptResponse) -> str:
 
 
 def draw_response(axes: Any, found: SweptResponse, values: Array, alone: Array) -> None:
-    """Draw largest values of a sweep over frequency, up and down, and those without damper."""
+    """Draw largest values of a sweep over frequency, up and down, and without damper."""
     hertz = found.frequency / math.tau
     order = np.argsort(hertz)
     look = {'color': COLORS['quiet'], 'lw': 1.2, 'ls': '--', 'label': 'without damper'}

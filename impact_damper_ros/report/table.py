@@ -21,12 +21,12 @@ class Table:
     """Groups of rows, each with a title, which may be empty."""
 
     columns: Sequence[ColumnHead]
-    #: A cell is a text; in HTML a verdict or the length of a bar in per cent, where the kind of
-    #: its column says so.
+    #: A cell is a text; a column of that kind has verdicts, or lengths of bars in per cent, in
+    #: HTML.
     groups: Sequence[tuple[str, Sequence[Sequence[Any]]]]
-    caption: str = ''  # what it shows
-    note: str = ''  # how to read it
-    links: Mapping[str, str] = field(default_factory=dict)  # of first cells, in HTML
+    caption: str = ''  # what the table shows
+    note: str = ''  # how to read the table
+    links: Mapping[str, str] = field(default_factory=dict)  # classes of first cells, in HTML
 
     @classmethod
     def of_rows(cls, head: Sequence[str], rows: Iterable[Sequence[Any]], texts: int = 1) -> Table:
@@ -51,7 +51,7 @@ class Table:
                 yield title, [self._cell_texts(row) for row in rows]
 
     def text(self, indent: str = '') -> str:
-        """Return it as text: numbers to the right."""
+        """Return the table as text: numbers to the right."""
         groups = list(self._groups())
         lines = [self._head, *(row for _, rows in groups for row in rows)]
         widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
@@ -68,13 +68,13 @@ class Table:
         return '\n'.join(found)
 
     def text_with_note(self, indent: str = '') -> str:
-        """Return it as text with its caption before and its note behind it."""
+        """Return the table as text, between its caption and its note."""
         note = textwrap.wrap(self.note, 99 - len(indent), break_long_words=False)
         lines = [f'{indent}{self.caption}', self.text(f'{indent}  ')]
         return '\n'.join([*lines, *(f'{indent}  {line}' for line in note)])
 
     def markdown(self) -> str:
-        """Return it in Markdown, without an end of line after the last row."""
+        """Return the table in Markdown, without an end of line after the last row."""
         head, *more = (
             [c.replace('|', '\\|') for c in line] for line in [self._head, *self._rows()]
         )

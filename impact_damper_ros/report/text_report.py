@@ -53,7 +53,7 @@ def _run_of(comparison: RunComparison) -> str:
 
 
 def comparison_text(comparison: RunComparison) -> str:
-    """Return the text of a comparison; units are in it, all SI."""
+    """Return the text of a comparison, with SI units."""
     lines = [
         f'compared     {comparison.bag}, node {comparison.node}{_run_of(comparison)}',
         f'recorded     {comparison.start:.9g} s to {comparison.end:.9g} s of rig time, '

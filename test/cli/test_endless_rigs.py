@@ -53,7 +53,7 @@ def test_simulate_rig_ends_with_whole_files(tmp_path, capsys, name, law):
     said = re.search(
         r'simulate_rig: the rig had (\d+) events from 0 s to (\S+) s, the last in mode (\w+): '
         rf'{REMEDY}; '
-        rf'what was simulated is in {events}.part and {states}.part and {bag}\n',
+        rf'the output so far is in {events}.part and {states}.part and {bag}\n',
         err,
     )
     rows = table(tmp_path / 'events.csv.part')

@@ -83,7 +83,7 @@ def test_a_run_that_is_stopped_keeps_what_it_has_and_what_was_there(tmp_path):
         code = process.stop(signal.SIGTERM)
     assert (code, process.output) == (
         128 + signal.SIGTERM,
-        f'simulate_rig: interrupted; what was simulated is in {part} and {bag}\n',
+        f'simulate_rig: interrupted; the output so far is in {part} and {bag}\n',
     )
     assert RunReader(bag).complete
     assert table.read_text() == 'older, and complete\n'

@@ -180,7 +180,7 @@ def test_a_table_that_is_there_is_kept_if_the_run_ends_early(tmp_path, capsys):
     assert simulate_rig(words) == 0
     first = table.read_bytes()
     assert simulate_rig([*words, '--set', 'gap=1e-4', '--most-events', '50']) == 1
-    assert f'what was simulated is in {table}.part' in capsys.readouterr().err
+    assert f'the output so far is in {table}.part' in capsys.readouterr().err
     assert table.read_bytes() == first
     part = (tmp_path / 'events.csv.part').read_text().splitlines()
     assert part[0] == first.decode().splitlines()[0]

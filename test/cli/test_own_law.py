@@ -51,7 +51,7 @@ def test_what_was_simulated_before_a_law_fails_is_written(capsys):
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert 'the law my_laws:far returned (1000000000.0, 0.0) at 7.725' in said
-    assert said.endswith('; what was simulated is in states.csv.part\n')
+    assert said.endswith('; the output so far is in states.csv.part\n')
     rows = Path('states.csv.part').read_text(encoding='utf-8').splitlines()
     assert float(rows[-1].split(',')[0]) == pytest.approx(7.725)
 
