@@ -245,9 +245,9 @@ class RigRecorder(Observer):
                 stamp_ns = round(event.time * 1e9)
                 content = self._messages.impact(stamp_ns, event, deflection)
                 self._write('impacts', content, stamp_ns)
-        for record in self._rig.acts:
-            stamp_ns = round(record.time * 1e9)
-            self._write('gap_control', self._messages.control(stamp_ns, record), stamp_ns)
+        for act in self._rig.acts:
+            stamp_ns = round(act.time * 1e9)
+            self._write('gap_control', self._messages.control(stamp_ns, act), stamp_ns)
         self._wait()
 
     def close(self) -> None:

@@ -213,9 +213,9 @@ class RigMessages:
         parts = impact_numbers(event.x, event.y, after, impulse, deflection)
         return self._impacts[event.stop].fill(stamp_ns, *parts)
 
-    def control(self, stamp_ns: int, record: ControlAct) -> bytes:
+    def control(self, stamp_ns: int, act: ControlAct) -> bytes:
         """Return the message of an act of the gap control; see `ControlAct.numbers`."""
-        return self._control[record.action].fill(stamp_ns, *record.numbers)
+        return self._control[act.action].fill(stamp_ns, *act.numbers)
 
 
 def rig_nodes(services: Mapping[str, Sequence[str]]) -> list[str]:

@@ -245,9 +245,9 @@ class RunReader:
         return sum(topic.message_count for topic in self.topics.values())
 
     def __iter__(self) -> Iterator[RecordedMessage]:
-        return self.records()
+        return self.messages()
 
-    def records(
+    def messages(
         self, topics: Collection[str | tuple[str, str]] | None = None
     ) -> Iterator[RecordedMessage]:
         """

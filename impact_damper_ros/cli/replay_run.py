@@ -47,9 +47,9 @@ from .command_line import (
 from .rig_options import GivenRig, add_recorded_law_option, announce, overridden
 
 _DESCRIPTION = """\
-Replay a recorded run from its own log. Without --set, every recorded sample and impact is computed
+Replay a recorded run from its log. Without --set, every recorded sample and impact is computed
 again from the first snapshot and the logged parameter changes and resets, and compared bit for
-bit. With --set, the same history is also run with parameters held at other values, and the two
+bit. With --set, the same history is also run with other values of some parameters, and the two
 runs are compared; --bag records that run, so that every other command takes it, too. Works without
 ROS, on a bag directory or a single .mcap file, also a recovered one.
 """
@@ -76,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='what-if: hold a parameter at this value throughout the run, for example '
+        help='what-if: give a parameter this value throughout the run, for example '
         '--set gap=0.03; may be repeated',
     )
     add_node_option(parser)
@@ -99,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _held_values(
+def _overrides_of(
     settings: Sequence[str], logged: Setting
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read ``--set`` options; return the overridden parameters and initial conditions."""
@@ -123,18 +123,18 @@ def _what_if(
     if not arguments.set:
         return None, None
     logged = Setting.of(replay.start.state)
-    held, held_initial = _held_values(arguments.set, logged)
+    overrides, initial_overrides = _overrides_of(arguments.set, logged)
     what_if = WhatIf(
-        *(replay.start, held, held_initial),
+        *(replay.start, overrides, initial_overrides),
         most_in_period=arguments.most_events,
         bag=arguments.recording,
     )
     stack.callback(what_if.close)
     if not arguments.quiet:
-        rig = {n: value for n, value in held.items() if n in PARAMETER_SPECS}
+        rig = {n: value for n, value in overrides.items() if n in PARAMETER_SPECS}
         announce('replay_run', logged.rig.replace(**rig))
     drawn = arguments.figure is not None
-    return what_if, RunPair(replay.start, what_if, {**held, **held_initial}, drawn=drawn)
+    return what_if, RunPair(replay.start, what_if, {**overrides, **initial_overrides}, drawn=drawn)
 
 
 def _replay(arguments: argparse.Namespace, recorded: RecordedRun) -> tuple[int, Any, str]:

@@ -143,9 +143,9 @@ class _History:
                 self._parts.append(RunPart(last, NO_EVENTS, part.command, part.steps, part.before))
             yield part
 
-    def run(self, held: Mapping[str, Any]) -> list[RecordedStretch]:
-        """Return the stretches of a run with some parameters held, or raise RunawayError."""
-        other = WhatIf(self._start, {'gap_control': 'off', **held}, compiled=self.compiled)
+    def run(self, overrides: Mapping[str, Any]) -> list[RecordedStretch]:
+        """Return the stretches of a run with some parameters overridden, or raise RunawayError."""
+        other = WhatIf(self._start, {'gap_control': 'off', **overrides}, compiled=self.compiled)
         start, *cuts = self.begins
         stretches = Stretches(other.rig.snapshot(), start=start, cuts=cuts)
         return list(stretches.of(map(other.follow, self._parts)))

@@ -65,7 +65,7 @@ def bag_messages(path: Path, options: ReadingOptions) -> TopicMessages:
     topic, kind = _topic_of(reader, options.topic)
     wanted = [(topic, kind)]
     wanted += [(beside(topic, 'snapshot'), STRING), (beside(topic, 'impacts'), JOINT_STATE)]
-    return TopicMessages(list(reader.records(wanted)), topic, str(path))
+    return TopicMessages(list(reader.messages(wanted)), topic, str(path))
 
 
 def recorded_rig(messages: TopicMessages) -> RigParameters | None:

@@ -94,21 +94,23 @@ class Density:
         self.frequencies: Array = np.asarray(frequencies, float)
         self.levels: Array = np.asarray(levels, float)
         rises = np.diff(np.log(self.frequencies))
-        held = (rises > 0.0) & (self.levels[1:] > 0.0) & (self.levels[:-1] > 0.0)
+        positive = (rises > 0.0) & (self.levels[1:] > 0.0) & (self.levels[:-1] > 0.0)
         #: Intervals where the density is above 0, and its power of the frequency there
-        self._held = np.flatnonzero(held)
+        self._positive = np.flatnonzero(positive)
         whole = np.log(np.where(self.levels > 0.0, self.levels, 1.0))
-        self._powers = np.diff(whole) / np.where(held, rises, 1.0)
+        self._powers = np.diff(whole) / np.where(positive, rises, 1.0)
 
     @property
     def band(self) -> tuple[float, float]:
         """Lowest and highest frequency with a density above 0, Hz."""
-        return float(self.frequencies[self._held[0]]), float(self.frequencies[self._held[-1] + 1])
+        return float(self.frequencies[self._positive[0]]), float(
+            self.frequencies[self._positive[-1] + 1]
+        )
 
     def integral(self, low: float, high: float) -> float:
         """Return the mean square between two frequencies, Hz."""
         total = 0.0
-        for k in self._held:
+        for k in self._positive:
             power = self._powers[k]
             begin, end = max(low, self.frequencies[k]), min(high, self.frequencies[k + 1])
             if begin >= end:

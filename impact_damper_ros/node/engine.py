@@ -89,7 +89,7 @@ class Engine:
         node: str = '',
         inbox: CommandInbox | None = None,
         alive: Callable[[], bool] = lambda: True,
-        on_course: Callable[[dict[str, Any]], object] = lambda _: None,
+        on_new_motion: Callable[[dict[str, Any]], object] = lambda _: None,
         on_trouble: Callable[[str, str], object] = lambda *_: None,
         wall: WallTime = time,
     ) -> None:
@@ -97,9 +97,9 @@ class Engine:
         Make an engine that does not run yet.
 
         The engine calls the functions from its own thread; each must return at once. `alive`
-        returns whether ROS still runs: publishing fails afterwards. `on_course` is called at the
-        start and after every change and reset, with the state of the rig; `on_trouble` with a kind
-        and a text, if the rig falls behind or cannot continue. `wall` is the time outside.
+        returns whether ROS still runs: publishing fails afterwards. `on_new_motion` is called at
+        the start and after every change and reset, with the state of the rig; `on_trouble` with a
+        kind and a text, if the rig falls behind or cannot continue. `wall` is the time outside.
         """
         self.failure: Exception | None = None
         #: The present parameters; only `change` replaces them
@@ -115,7 +115,7 @@ class Engine:
         #: The measurements for a controller outside the node, and its commands
         self.controller = ExternalControl(self._rig, inbox or CommandInbox(), parameters)
         self._publishers = publishers
-        self._on_course, self._on_trouble = on_course, on_trouble
+        self._on_new_motion, self._on_trouble = on_new_motion, on_trouble
         rate = RIG_TOPICS['joint_states'].rate_of(parameters)
         self._grid = TickGrid(rate)
         self._scheduling = ORDINARY
@@ -133,7 +133,7 @@ class Engine:
         self._waiting_ns: int | None = None
         # The reason of the snapshot that is due, and whether the rig has another motion since the
         # last one
-        self._news, self._new_course = 'start', True
+        self._news, self._is_new_motion = 'start', True
         trace = MotionTrace.at(parameters.rig, self._rig.snapshot())
         self._motion = RigMotion(self._rig, publishers, trace)
         # All parameters, as an encoded ParameterEvent, while there is a recording
@@ -265,7 +265,7 @@ class Engine:
         self._send(events, rig.acts)
         self._snapshots.change(was, {**now.as_dict(), **control.as_dict()})
         self._release()
-        self._new_course, self._news = True, self._news or 'change'
+        self._is_new_motion, self._news = True, self._news or 'change'
 
     def _make_rest(self) -> None:
         """Make the change that has waited for the base, or for a rig that can take it."""
@@ -285,7 +285,7 @@ class Engine:
         self._make_rest()
         self._release()
         self._news = 'reset'
-        self._new_course = True
+        self._is_new_motion = True
 
     def pause(self, paused: bool) -> bool:
         """Pause the rig, or resume it; return whether that changed anything."""
@@ -525,9 +525,9 @@ class Engine:
             self._rig.go_back(mark)
             raise
 
-    def _send(self, events: Sequence[Event], records: Sequence[ControlAct]) -> None:
+    def _send(self, events: Sequence[Event], acts: Sequence[ControlAct]) -> None:
         """Send the events that a change of the rig has caused."""
-        for message in self._motion.messages_of(events, records, self._stamps.offset_ns):
+        for message in self._motion.messages_of(events, acts, self._stamps.offset_ns):
             self._out.emit(*message)
 
     def _attend(self) -> None:
@@ -571,8 +571,8 @@ class Engine:
 
     def _obey(self) -> None:
         """Carry out the commands of a controller that have come."""
-        for events, records in self.controller.obey(self._time_ns, self.stamp_ns()):
-            self._send(events, records)
+        for events, acts in self.controller.obey(self._time_ns, self.stamp_ns()):
+            self._send(events, acts)
 
     def _split(self, log: RunWriter) -> None:
         """Begin a new file of the recording, with everything that its reader needs."""
@@ -606,10 +606,10 @@ class Engine:
         self._snapshots.move_stamps(self._stamps.offset_ns)
         text = self._snapshots.text(self._time_ns, reason, state)
         self._out.emit(self._publishers['snapshot'], encode(String(text)), self.stamp_ns())
-        if self._new_course:
-            self._new_course = False
+        if self._is_new_motion:
+            self._is_new_motion = False
             self._motion.trace = MotionTrace.at(self._rig.parameters, state)
-            self._on_course(state)
+            self._on_new_motion(state)
 
     def _record_event(self, event: bytes) -> None:
         stamp_ns = self.stamp_ns()

@@ -221,8 +221,8 @@ class MotionMonitor:
         rhythm, impact = measured.rhythm, measured.impact
         assert rhythm is not None
         assert impact is not None
-        if self._asked_of != self._theory.course:
-            self._asked_of = self._theory.course
+        if self._asked_of != self._theory.rigs_requested:
+            self._asked_of = self._theory.rigs_requested
             self._asked.clear()
         if (rhythm.stops, rhythm.cycles) not in self._asked:
             self._asked.add((rhythm.stops, rhythm.cycles))

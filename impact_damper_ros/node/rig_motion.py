@@ -68,18 +68,18 @@ class RigMotion:
         """
         mark = self._rig.mark()
         try:
-            reached_ns, events, records = self._move(time_ns, target_ns)
+            reached_ns, events, acts = self._move(time_ns, target_ns)
         except RIG_FAILURES:
             self._rig.go_back(mark)
             raise
-        return reached_ns, self.messages_of(events, records, offset_ns)
+        return reached_ns, self.messages_of(events, acts, offset_ns)
 
     def _move(self, time_ns: int, target_ns: int) -> tuple[int, list[Event], Sequence[ControlAct]]:
         rig = self._rig
         events = rig.advance(target_ns / 1e9, MOST_IN_PERIOD, _slice())
-        records = rig.acts
+        acts = rig.acts
         if rig.time >= target_ns / 1e9:
-            return target_ns, events, records
+            return target_ns, events, acts
         # The end is beyond the present instant, even if the events so far round to it: a change
         # among them could not be replayed.
         later = max(rig.time, nextafter(time_ns / 1e9, inf))
@@ -87,10 +87,10 @@ class RigMotion:
         while reached_ns / 1e9 < later:
             reached_ns += 1
         events += rig.advance(reached_ns / 1e9, MOST_IN_PERIOD)
-        return reached_ns, events, [*records, *rig.acts]
+        return reached_ns, events, [*acts, *rig.acts]
 
     def messages_of(
-        self, events: Sequence[Event], records: Sequence[ControlAct], offset_ns: int
+        self, events: Sequence[Event], acts: Sequence[ControlAct], offset_ns: int
     ) -> list[OutgoingMessage]:
         """Count events and acts; return the messages of impacts, then those of acts."""
         if events:
@@ -104,13 +104,13 @@ class RigMotion:
                 content = self._encoder.impact(stamp_ns, event, deflection)
                 out.append(OutgoingMessage(self._publishers['impacts'], content, stamp_ns))
                 self.impacts += 1
-        for record in records:
-            stamp_ns = offset_ns + round(record.time * 1e9)
-            content = self._encoder.control(stamp_ns, record)
+        for act in acts:
+            stamp_ns = offset_ns + round(act.time * 1e9)
+            content = self._encoder.control(stamp_ns, act)
             out.append(OutgoingMessage(self._publishers['gap_control'], content, stamp_ns))
-            self.commands += record.action is Action.COMMAND
-            if record.action is not Action.ORDER:
-                self.last_act = record
+            self.commands += act.action is Action.COMMAND
+            if act.action is not Action.ORDER:
+                self.last_act = act
         return out
 
     def states(self, stamp_ns: int) -> bytes:

@@ -168,7 +168,7 @@ class SimNode(Node):
             node=node,
             inbox=self._command_inbox(),
             alive=self.context.ok,
-            on_course=partial(self._post, self._begin_course),
+            on_new_motion=partial(self._post, self._request_theory),
             on_trouble=self._warn_of_trouble,
         )
         self._monitor = MotionMonitor(self.engine.trace, self._theory, parameters.state_rate)
@@ -423,7 +423,7 @@ class SimNode(Node):
 
     # Theory
 
-    def _begin_course(self, state: Mapping[str, Any]) -> None:
+    def _request_theory(self, state: Mapping[str, Any]) -> None:
         """Predict the motion anew: the rig has another one."""
         self._theory.ask(state)
         self._follow_theory()

@@ -138,7 +138,7 @@ def _measurements(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[n
     # The walk has met what is damaged.
     with contextlib.suppress(RecordingError):
         wanted = [(topic, JOINT_STATE)]
-        contents.extend(record.content for record in run.reader.records(wanted))
+        contents.extend(record.content for record in run.reader.messages(wanted))
     rows, readable = JointStateRows(AXIS_JOINTS, (4, 4, 0)).read(contents, 0)
     stamps_ns, offsets_ns = np.array(offsets).T
     rows = rows[readable]

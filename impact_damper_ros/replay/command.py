@@ -163,7 +163,7 @@ class Command(NamedTuple):
     @property
     def resets(self) -> bool:
         """Whether the rig was reset."""
-        return any(isinstance(deed, InitialConditions) for deed in self.done)
+        return any(isinstance(entry, InitialConditions) for entry in self.done)
 
 
 def parameters_of(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -184,31 +184,31 @@ def _act_text(name: object, value: Any) -> Deed:
     raise ValueError(f'{quote(name)} with {quote(value)} cannot be done to a rig')
 
 
-def read_head(record: RecordedMessage, path: Path, purpose: str) -> Head:
+def read_head(recorded: RecordedMessage, path: Path, purpose: str) -> Head:
     """Decode the head of a snapshot of the bag at `path`; errors name the purpose."""
-    return _read(record, path, purpose, _head)
+    return _read(recorded, path, purpose, _head)
 
 
 def read_command(
-    record: RecordedMessage, path: Path, purpose: str, law: OwnLaw | None = None
+    recorded: RecordedMessage, path: Path, purpose: str, law: OwnLaw | None = None
 ) -> Command:
     """Decode and check a snapshot of the bag at `path`; errors name the purpose."""
-    return _read(record, path, purpose, lambda held: _command_of(held, law))
+    return _read(recorded, path, purpose, lambda stored: _command_of(stored, law))
 
 
 def _read(
-    record: RecordedMessage, path: Path, purpose: str, take: Callable[[dict[str, Any]], _T]
+    recorded: RecordedMessage, path: Path, purpose: str, take: Callable[[dict[str, Any]], _T]
 ) -> _T:
     """Decode a snapshot, and return the part of it that `take` reads."""
-    where = f'the snapshot of {record.topic} at {record.stamp_ns} ns'
+    where = f'the snapshot of {recorded.topic} at {recorded.stamp_ns} ns'
     try:
-        message = decode(STRING, record.content)
+        message = decode(STRING, recorded.content)
         assert isinstance(message, String)
-        held = parse_snapshot(message.data)
+        stored = parse_snapshot(message.data)
     except ValueError as error:
         raise RecordingError(purpose, path, f'{where} cannot be read: {error}') from error
     try:
-        return take(present(held))
+        return take(present(stored))
     except FormatError as error:
         remedy = 'use the version of impact_damper_ros that recorded the bag, or a later one'
         raise RecordingError(purpose, path, f'{where} is {error}', remedy) from None
@@ -228,41 +228,41 @@ def _text(name: str, value: Any) -> str:
     return value
 
 
-def _head(held: dict[str, Any]) -> Head:
-    offset_ns, time_ns = held['stamp_offset_ns'], held['time_ns']
+def _head(stored: dict[str, Any]) -> Head:
+    offset_ns, time_ns = stored['stamp_offset_ns'], stored['time_ns']
     text = f'stamp_offset_ns is {quote(offset_ns)} and time_ns {quote(time_ns)}'
     if type(offset_ns) is not int or type(time_ns) is not int or time_ns < 0:
         raise ValueError(f'{text}: both must be whole numbers of nanoseconds')
     if abs(offset_ns) + time_ns >= _LATEST_NS:
         raise ValueError(f'{text}: stamps of ROS end at {_LATEST_NS} ns')
-    if type(held['number']) is not int:
-        raise ValueError(f'number is {quote(held["number"])}: it must be a whole number')
-    return Head(_text('run', held['run']), held['number'], offset_ns, time_ns)
+    if type(stored['number']) is not int:
+        raise ValueError(f'number is {quote(stored["number"])}: it must be a whole number')
+    return Head(_text('run', stored['run']), stored['number'], offset_ns, time_ns)
 
 
-def _command_of(held: dict[str, Any], law: OwnLaw | None) -> Command:
+def _command_of(stored: dict[str, Any], law: OwnLaw | None) -> Command:
     # Other rigs of the bag may have no law of the user's own.
-    law = law if 'law' in held['state']['gap_control'] else None
-    head = _head(held)
-    _check_time(held['state'], head.time_ns / 1e9)
-    numbers = {'mathematics': held['mathematics'], 'arithmetic': held['state']['arithmetic']}
+    law = law if 'law' in stored['state']['gap_control'] else None
+    head = _head(stored)
+    _check_time(stored['state'], head.time_ns / 1e9)
+    numbers = {'mathematics': stored['mathematics'], 'arithmetic': stored['state']['arithmetic']}
     for name, number in numbers.items():
         if type(number) is not int:
             raise ValueError(f'{name} is {quote(number)}: it must be a whole number')
-    number_between('rate', held['rate'], *RATES)
+    number_between('rate', stored['rate'], *RATES)
     return Command(
         head.stamp_ns,
         head.offset_ns,
         head.time_ns,
-        as_line(_text('reason', held['reason'])),
+        as_line(_text('reason', stored['reason'])),
         head.number,
         run=head.run,
-        node=_text('node', held['node']),
-        topics={str(key): _text('topics', name) for key, name in held['topics'].items()},
-        rate=held['rate'],
-        done=tuple(_act_text(name, value) for name, value in held['done']),
-        initial=InitialConditions(**held['initial']),
-        state=_checked_state(held['state'], law),
+        node=_text('node', stored['node']),
+        topics={str(key): _text('topics', name) for key, name in stored['topics'].items()},
+        rate=stored['rate'],
+        done=tuple(_act_text(name, value) for name, value in stored['done']),
+        initial=InitialConditions(**stored['initial']),
+        state=_checked_state(stored['state'], law),
         **numbers,
         law=law,
     )
@@ -271,12 +271,12 @@ def _command_of(held: dict[str, Any], law: OwnLaw | None) -> Command:
 def parse_snapshot(text: str) -> dict[str, Any]:
     """Parse the text of a snapshot."""
     try:
-        held = json.loads(text, parse_constant=_refuse)
+        stored = json.loads(text, parse_constant=_refuse)
     except RecursionError as error:
         raise ValueError('it is nested too deep') from error
-    if not isinstance(held, dict):
-        raise ValueError(f'it is {quote(held)}, not an object')
-    return held
+    if not isinstance(stored, dict):
+        raise ValueError(f'it is {quote(stored)}, not an object')
+    return stored
 
 
 def _check_time(state: Mapping[str, Any], time: float) -> None:

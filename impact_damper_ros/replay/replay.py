@@ -250,10 +250,10 @@ class Replay:
         if self._shadowing is not None:
             nothing = np.empty(0, message_row(2 * len(JOINTS)))
             return self._shadowing.follow(nothing, np.empty(0), until, orders).events
-        passage = self.passage(self.rig, (), until, deque(orders))
-        self.note_refusals(passage)
-        self._expect(passage.events, passage.acts)
-        return passage.events
+        done = self.run_on(self.rig, (), until, deque(orders))
+        self.note_refusals(done)
+        self._expect(done.events, done.acts)
+        return done.events
 
     def _note_rows(self, done: Advance, states: Messages, times_ns: Ints) -> RunPart:
         """Note the differences of joint states, and the gaps between them."""
@@ -296,7 +296,7 @@ class Replay:
         self._left_out += int((~usable).sum())
         return usable
 
-    def passage(
+    def run_on(
         self, rig: Rig, instants: Numbers | tuple[()], until: float, orders: deque[TimedOrder]
     ) -> RunSamples:
         """Let a rig run on through instants to a later one, with the orders on the way."""
@@ -316,9 +316,9 @@ class Replay:
             raise self._cannot_go_on(rig, result.reason)
         return result.events
 
-    def note_refusals(self, passage: RunSamples) -> None:
+    def note_refusals(self, run: RunSamples) -> None:
         """Note the orders that the rig could not carry out."""
-        for time, error in passage.refusals:
+        for time, error in run.refusals:
             self.findings.fault(
                 f'the order at rig time {time:.9g} s cannot be carried out: {error}'
             )
@@ -332,7 +332,7 @@ class Replay:
     ) -> Advance:
         """Let the rig run on to joint states, and compare them."""
         instants = times_ns / 1e9
-        found = self.passage(self.rig, instants, float(instants[-1]), deque(orders))
+        found = self.run_on(self.rig, instants, float(instants[-1]), deque(orders))
         self.note_refusals(found)
         self._expect(found.events, found.acts)
         numbers = published_states(found.samples, self.rig.parameters)
@@ -340,15 +340,15 @@ class Replay:
         differs = differing_states(states, expected)
         return Advance(found.samples, found.events, expected, differs)
 
-    def _expect(self, events: Events, records: list[ControlAct]) -> None:
+    def _expect(self, events: Events, new_acts: list[ControlAct]) -> None:
         if self._shadowing is not None:
-            self._shadowing.take_consequences(events, records)
+            self._shadowing.take_consequences(events, new_acts)
             return
         offset_ns = self.findings.offset_ns
         impacts, acts = self._matchers
         impacts.expect(published_impacts(events, self.rig.parameters, offset_ns))
-        if records:
-            acts.expect(published_acts(records, offset_ns))
+        if new_acts:
+            acts.expect(published_acts(new_acts, offset_ns))
 
     # Gaps without samples
 
@@ -425,25 +425,25 @@ class Replay:
         findings, rig, described = self.findings, self.rig, []
         steps: list[tuple[int, Step]] = []
         found = []
-        for deed in command.done:
+        for entry in command.done:
             numbers = published_states(samples_as_rows([rig.sample()]), rig.parameters)
             self._before.append((command.time_ns, numbers[0]))
             try:
-                if isinstance(deed, int):
-                    findings.offset_ns = deed
-                elif isinstance(deed, InitialConditions):
-                    rig.reset(deed)
-                    self.initial = deed
+                if isinstance(entry, int):
+                    findings.offset_ns = entry
+                elif isinstance(entry, InitialConditions):
+                    rig.reset(entry)
+                    self.initial = entry
                     findings.resets += 1
                     described.append('reset')
-                    steps.append((command.time_ns, deed))
+                    steps.append((command.time_ns, entry))
                 else:
-                    described += [f'{name} = {value!r}' for name, value in deed.items()]
+                    described += [f'{name} = {value!r}' for name, value in entry.items()]
                     initial = self.initial.as_dict()
-                    initial |= {n: v for n, v in deed.items() if n in initial}
+                    initial |= {n: v for n, v in entry.items() if n in initial}
                     self.initial = InitialConditions(**initial)
                     present = Setting.at(rig)
-                    setting = present.replace_values(deed)
+                    setting = present.replace_values(entry)
                     if setting != present:
                         events = table_of_events(rig.change(*setting))
                         found.append(events)

@@ -85,12 +85,12 @@ def published_impacts(events: Events, rig: RigParameters, offset_ns: int) -> Mes
     return found
 
 
-def published_acts(records: Sequence[ControlAct], offset_ns: int) -> Messages:
+def published_acts(acts: Sequence[ControlAct], offset_ns: int) -> Messages:
     """Return the messages of acts of the gap control."""
-    times = np.array([record.time for record in records])
-    numbers = np.array([sum(record.numbers, ()) for record in records]).reshape(-1, 9)
+    times = np.array([one.time for one in acts])
+    numbers = np.array([sum(one.numbers, ()) for one in acts]).reshape(-1, 9)
     found = _messages(times, offset_ns, numbers)
-    found['frame'] = [record.act for record in records]
+    found['frame'] = [one.act for one in acts]
     return found
 
 

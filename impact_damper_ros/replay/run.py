@@ -61,7 +61,7 @@ Item = Rows | Command
 class _Snapshot(NamedTuple):
     """A snapshot of a recording, not decoded as a whole."""
 
-    record: RecordedMessage
+    message: RecordedMessage
     head: Head
     place: int  # number among the snapshots, in the order of the recording
     run: int  # number of its run, from 1 on
@@ -154,17 +154,19 @@ class RecordedRun:
         begun_ns = -inf
         # `walk` reports the damage.
         with suppress(RecordingError):
-            for place, record in enumerate(self.reader.records([(self.topics.snapshot, STRING)])):
+            for place, message in enumerate(
+                self.reader.messages([(self.topics.snapshot, STRING)])
+            ):
                 try:
-                    head = read_head(record, self.reader.path, self._purpose)
+                    head = read_head(message, self.reader.path, self._purpose)
                 except RecordingError as error:
                     self._unread = place, error
                     break
-                if record.content in contents:
+                if message.content in contents:
                     # A recorder of several files may repeat latched messages.
                     self.wrong[REPEATED, self.topics.snapshot] += self.reader.own
                     continue
-                contents.add(record.content)
+                contents.add(message.content)
                 last = found[-1] if found else None
                 run = names.setdefault(head.run, len(names) + 1)
                 if last is None or run != last.run:
@@ -173,7 +175,7 @@ class RecordedRun:
                     back = head.offset_ns < last.head.offset_ns and head.number > last.head.number
                 if back:
                     self._begins.add(place)
-                found.append(_Snapshot(record, head, place, run, len(self._begins)))
+                found.append(_Snapshot(message, head, place, run, len(self._begins)))
         if not found:
             assert self._unread is not None
             raise self._unread[1]
@@ -181,7 +183,7 @@ class RecordedRun:
         self._snapshots = found
 
     def _command(self, snapshot: _Snapshot) -> Command:
-        return read_command(snapshot.record, self.reader.path, self._purpose, self._law)
+        return read_command(snapshot.message, self.reader.path, self._purpose, self._law)
 
     def remarks(self) -> list[str]:
         """Return remarks for the user on the recording."""
@@ -265,9 +267,9 @@ class RecordedRun:
         batch: list[RecordedMessage] = []
         place = -1
         try:
-            for record in self.reader.records(wanted):
-                if record.topic != names.snapshot:
-                    batch.append(record)
+            for message in self.reader.messages(wanted):
+                if message.topic != names.snapshot:
+                    batch.append(message)
                     if len(batch) >= _READ_AT_ONCE:
                         yield batch, place, False
                         batch = []
@@ -379,18 +381,18 @@ def _rigs(reader: RunReader, purpose: str, law: OwnLaw | None) -> Iterator[RigTo
     for (name, kind), topic in sorted(reader.topics.items()):
         if kind != STRING or not topic.message_count:
             continue
-        record = next(reader.records([(name, kind)]), None)
-        if record is None:
+        first = next(reader.messages([(name, kind)]), None)
+        if first is None:
             continue
         try:
-            message = decode(STRING, record.content)
+            message = decode(STRING, first.content)
             assert isinstance(message, String)
             if 'state' not in parse_snapshot(message.data):
                 continue
         except ValueError:
             if name.rpartition('/')[2] != 'snapshot' and reader.custom.get('snapshot') != name:
                 continue
-        command = read_command(record, reader.path, purpose, law)
+        command = read_command(first, reader.path, purpose, law)
         there = {
             key: topic if (topic, JOINT_STATE) in reader.topics else ''
             for key in _LAYOUTS

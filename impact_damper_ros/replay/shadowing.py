@@ -57,7 +57,7 @@ class Replayed(Protocol):
     rig: Rig
     findings: Findings
 
-    def passage(
+    def run_on(
         self, rig: Rig, instants: Numbers, until: float, orders: deque[TimedOrder]
     ) -> RunSamples:
         """Let a rig run on through instants to a later one, with the orders on the way."""
@@ -65,7 +65,7 @@ class Replayed(Protocol):
     def to_event(self, rig: Rig, time: float) -> Events:
         """Let a rig run on to an instant, or to the next event."""
 
-    def note_refusals(self, passage: RunSamples) -> None:
+    def note_refusals(self, run: RunSamples) -> None:
         """Note the orders that a rig could not carry out."""
 
 
@@ -138,12 +138,12 @@ class Shadowing:
         """Take recorded impacts."""
         self._waiting = np.concatenate([self._waiting, impacts])
 
-    def take_consequences(self, events: Events, records: list[ControlAct]) -> None:
+    def take_consequences(self, events: Events, acts: list[ControlAct]) -> None:
         """Take the events and acts that a change of the rig causes at once."""
         rig, offset_ns = self._replay.rig, self._replay.findings.offset_ns
         impacts = published_impacts(events, rig.parameters, offset_ns)
         self._caused = np.concatenate([self._caused, impacts])
-        self._expect_acts(rig.time, records, records, alike=True)
+        self._expect_acts(rig.time, acts, acts, alike=True)
 
     def follow(
         self, states: Messages, instants: Numbers, until: float, orders: list[TimedOrder]
@@ -208,14 +208,14 @@ class Shadowing:
     def _expect_acts(
         self,
         since: float,
-        records: list[ControlAct],
+        acts: list[ControlAct],
         others: list[ControlAct],
         *,
         alike: bool,
     ) -> None:
         """Expect the acts of the replay and of the second rig since an instant, s."""
         offset_ns = self._replay.findings.offset_ns
-        here, there = (published_acts(acts, offset_ns) for acts in (records, others))
+        here, there = (published_acts(some, offset_ns) for some in (acts, others))
         if not alike or here['frame'].tolist() != there['frame'].tolist():
             self._acts.lose(offset_ns + round(since * 1e9))
             return
@@ -259,7 +259,7 @@ class Shadowing:
         replay, rig = self._replay, self._replay.rig
         since = rig.time
         mine, other = (
-            replay.passage(one, instants, until, orders)
+            replay.run_on(one, instants, until, orders)
             for one, orders in zip((rig, self._near), self._orders, strict=True)
         )
         replay.note_refusals(mine)
@@ -283,18 +283,18 @@ class Shadowing:
         self, rig: Rig, until: float, orders: deque[TimedOrder]
     ) -> tuple[Events, list[ControlAct]]:
         """Run on to the next impact, or for some time beyond it."""
-        found, records = [NO_EVENTS], []
+        found, acts = [NO_EVENTS], []
         while rig.time < until:
             if orders and orders[0].time <= rig.time:
-                passage = self._replay.passage(rig, np.empty(0), rig.time, orders)
-                found.append(passage.events)
-                records += passage.acts
+                done = self._replay.run_on(rig, np.empty(0), rig.time, orders)
+                found.append(done.events)
+                acts += done.acts
             stop = min(until, orders[0].time) if orders else until
             found.append(self._replay.to_event(rig, stop))
-            records += rig.acts
+            acts += rig.acts
             if (found[-1]['kind'] == EventKind.IMPACT).any():
                 break
-        return np.concatenate(found), records
+        return np.concatenate(found), acts
 
     def _impact(
         self, recorded: Messages, time: float
@@ -302,7 +302,7 @@ class Shadowing:
         """Run on to a recorded impact, and begin anew there."""
         replay, rig = self._replay, self._replay.rig
         since = rig.time
-        (events, records), (others, other_records) = (
+        (events, acts), (others, other_acts) = (
             self._to_impact(one, time + _LATE_S, orders)
             for one, orders in zip((rig, self._near), self._orders, strict=True)
         )
@@ -310,7 +310,7 @@ class Shadowing:
         here, there = (published_impacts(e, rig.parameters, offset_ns) for e in (events, others))
         stamp_ns, frame = int(recorded['stamp_ns'][0]), str(recorded['frame'][0])
         alike = len(here) == len(there) and np.array_equal(events['kind'], others['kind'])
-        self._expect_acts(since, records, other_records, alike=alike)
+        self._expect_acts(since, acts, other_acts, alike=alike)
         if not alike:
             replay.findings.undecided += 1
         elif not len(here):

@@ -35,15 +35,15 @@ from .run_samples import RunSamples
 
 class WhatIf:
     """
-    A rig with some parameters held, in a recorded run.
+    A rig with some parameters overridden, in a recorded run.
 
     Parameters
     ----------
     start : Command
         Where the run begins.
-    held : mapping
+    overrides : mapping
         Parameters of the rig and of its gap control, and their values.
-    held_initial : mapping, optional
+    initial_overrides : mapping, optional
         Initial conditions and their values.
     most_in_period : float, optional
         Most events of the rig within a period, see `Rig.advance`.
@@ -70,7 +70,7 @@ class WhatIf:
     ParameterError
         If the values are not admissible.
     ValueError
-        If initial conditions are held and the run does not begin with them.
+        If initial conditions are overridden and the run does not begin with them.
     RecordingError
         If the recording cannot be made.
     """
@@ -78,8 +78,8 @@ class WhatIf:
     def __init__(
         self,
         start: Command,
-        held: Mapping[str, Any],
-        held_initial: Mapping[str, Any] | None = None,
+        overrides: Mapping[str, Any],
+        initial_overrides: Mapping[str, Any] | None = None,
         most_in_period: float = MOST_IN_PERIOD,
         bag: Path | None = None,
         *,
@@ -87,25 +87,25 @@ class WhatIf:
     ) -> None:
         self._most_in_period = most_in_period
         self.refusals: list[tuple[float, ParameterError]] = []
-        self._held = dict(held)
+        self._overrides = dict(overrides)
         self.reached = RunPart.empty()
-        self._held_initial = dict(held_initial or {})
+        self._initial_overrides = dict(initial_overrides or {})
         self._logged = Setting.of(start.state)
-        setting = self._logged.replace_values(held)
-        rig = _from_initial(start, self._logged, setting, self._held_initial)
+        setting = self._logged.replace_values(overrides)
+        rig = _from_initial(start, self._logged, setting, self._initial_overrides)
         self._early: list[Events] = []
         self.from_initial = rig is not None
-        if rig is None and self._held_initial:
+        if rig is None and self._initial_overrides:
             raise ValueError(
-                f'{", ".join(self._held_initial)} cannot be set: the bag begins in the middle '
-                'of the run, at a recorded state; set rig parameters only'
+                f'{", ".join(self._initial_overrides)} cannot be set: the bag begins in the '
+                'middle of the run, at a recorded state; set rig parameters only'
             )
         self.rig = Rig.restore(start.state, start.law) if rig is None else rig
         self.rig.compiled = compiled and has_numba()
         self._recorder: RigRecorder | None = None
         if bag is not None:
             values = {**Setting.at(self.rig).as_dict(), **start.initial.as_dict()}
-            values |= self._held_initial
+            values |= self._initial_overrides
             self._recorder = RigRecorder(
                 *(bag, self.rig, values, start.rate, math.inf, start.node), start_ns=start.time_ns
             )
@@ -175,7 +175,7 @@ class WhatIf:
 
     def carry_out(self, time_ns: int, step: Step) -> list[Events]:
         """
-        Repeat a change or reset of the recorded rig, with the held values.
+        Repeat a change or reset of the recorded rig, with the overrides.
 
         Raises
         ------
@@ -184,20 +184,20 @@ class WhatIf:
         """
         if isinstance(step, Setting):
             self._logged = step
-            return self._change(time_ns, step.replace_values(self._held))
-        initial = InitialConditions(**{**step.as_dict(), **self._held_initial})
-        held: Setting | None = None
+            return self._change(time_ns, step.replace_values(self._overrides))
+        initial = InitialConditions(**{**step.as_dict(), **self._initial_overrides})
+        kept: Setting | None = None
         events: list[Events] = []
         try:
             self.rig.reset(initial)
         except ParameterError:
             # m would be outside a narrower gap, which then closes on it, as at the start.
-            held = Setting.at(self.rig)
-            events += self._change(time_ns, held._replace(rig=self._logged.rig))
+            kept = Setting.at(self.rig)
+            events += self._change(time_ns, kept._replace(rig=self._logged.rig))
             self.rig.reset(initial)
         if self._recorder is not None:
             self._recorder.reset(time_ns, initial.as_dict(), ())
-        return events + (self._change(time_ns, held) if held is not None else [])
+        return events + (self._change(time_ns, kept) if kept is not None else [])
 
 
 class _UpTo(Observer):
@@ -224,7 +224,7 @@ def _from_initial(
     start: Command,
     logged: Setting,
     setting: Setting,
-    held_initial: Mapping[str, Any],
+    initial_overrides: Mapping[str, Any],
 ) -> Rig | None:
     """Return a rig at its initial conditions, if the run begins at those of the logged one."""
     if start.time_ns != 0:
@@ -234,9 +234,9 @@ def _from_initial(
         fresh = Rig(logged.rig, initial, control=logged.control, law=start.law).snapshot()
         if without_search(fresh) != without_search(start.state):
             return None
-        held = InitialConditions(**{**initial.as_dict(), **held_initial})
-        return Rig(setting.rig, held, control=setting.control, law=start.law)
+        changed = InitialConditions(**{**initial.as_dict(), **initial_overrides})
+        return Rig(setting.rig, changed, control=setting.control, law=start.law)
     except ParameterError:
-        if held_initial:
+        if initial_overrides:
             raise
         return None

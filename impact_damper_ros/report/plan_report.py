@@ -73,7 +73,7 @@ def _note(runs: Sequence[PlannedRun]) -> str:
         return note
     return (
         'In the settled motion alone R, friction and gap cannot be distinguished: its flights are '
-        'all alike. Record the start. {note}'
+        f'all alike. Record the start. {note}'
     )
 
 

@@ -98,18 +98,18 @@ class RunPair:
         Where the recorded run begins.
     what_if : WhatIf
         The run of the other rig.
-    held : mapping
+    overrides : mapping
         Overridden parameters and initial conditions, and their values.
     drawn : bool, optional
         Whether to keep the states for the figure.
     """
 
     def __init__(
-        self, start: Command, what_if: WhatIf, held: Mapping[str, Any], *, drawn: bool = False
+        self, start: Command, what_if: WhatIf, overrides: Mapping[str, Any], *, drawn: bool = False
     ) -> None:
         rigs = Setting.of(start.state).rig, what_if.rig.parameters
         span = _CLOSEUP_CYCLES * max(map(cycle_of, rigs)) if drawn else 0.0
-        self._held, self._initial = dict(held), start.initial.as_dict()
+        self._overrides, self._initial = dict(overrides), start.initial.as_dict()
         self._from_initial = what_if.from_initial
         self._recorded = _Run(start.state, span)
         self._other = _Run(what_if.rig.snapshot(), span)
@@ -137,7 +137,7 @@ class RunPair:
     def text(self) -> str:
         """Return both runs side by side, as a table."""
         parts = []
-        for name, value in self._held.items():
+        for name, value in self._overrides.items():
             was = self._recorded_values(name)
             listed = ', '.join(map(repr, was[:_MOST_IN_TABLE])) or 'not known'
             more = len(was) - _MOST_IN_TABLE
@@ -167,8 +167,8 @@ class RunPair:
     def as_json(self) -> dict[str, Any]:
         """Return both runs for JSON, in SI units; unknown values are None."""
         return {
-            'set': self._held,
-            'recorded_values': {name: self._recorded_values(name) for name in self._held},
+            'set': self._overrides,
+            'recorded_values': {name: self._recorded_values(name) for name in self._overrides},
             'from_initial': self._from_initial,
             'recorded': _totals(self._recorded.overall),
             'what_if': _totals(self._other.overall),
@@ -176,10 +176,10 @@ class RunPair:
 
     def figure(self) -> Figure:
         """Return the figure of both runs; needs `drawn`."""
-        held = {**self._other.stretches[0].values, **self._held}
-        now = ', '.join(f'{name} = {_with_unit(name, held)}' for name in self._held)
+        values = {**self._other.stretches[0].values, **self._overrides}
+        now = ', '.join(f'{name} = {_with_unit(name, values)}' for name in self._overrides)
         was = []
-        for name in self._held:
+        for name in self._overrides:
             rigs = [{**self._initial, **one.values} for one in self._recorded.stretches]
             texts = [text for text, _ in groupby(_with_unit(name, rig) for rig in rigs)]
             listed = ', '.join(texts[:_MOST_IN_FIGURE])
@@ -201,7 +201,8 @@ class RunPair:
         for stretch in self._recorded.stretches:
             values = stretch.values
             texts = [
-                f'{name} {_with_unit(name, values)}' + (' (held)' if name in self._held else '')
+                f'{name} {_with_unit(name, values)}'
+                + (' (overridden)' if name in self._overrides else '')
                 for name, value in values.items()
                 if before and before[name] != value
             ]

@@ -53,10 +53,10 @@ class Playback(NamedTuple):
         return {'start': self.start, **dict(self.record.copy)}
 
     @classmethod
-    def of_dict(cls, held: Mapping[str, Any], time: float) -> Playback:
+    def of_dict(cls, stored: Mapping[str, Any], time: float) -> Playback:
         """Return a record that acts at a time, s, from what `as_dict` wrote."""
-        start = number_between('records.start', held['start'], -_EARLIEST, time)
-        return _begin(start, *(held[key] for key in COPY))
+        start = number_between('records.start', stored['start'], -_EARLIEST, time)
+        return _begin(start, *(stored[key] for key in COPY))
 
 
 @lru_cache(maxsize=8)

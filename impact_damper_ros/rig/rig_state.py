@@ -340,18 +340,18 @@ class RigState:
             `gap_control` the control; JSON keeps it exactly.
         """
         control = self._control
-        held: dict[str, Any] = {
+        stored: dict[str, Any] = {
             'parameters': self._gap_control.as_dict(),
             'state': control.as_dict(),
         }
         if self._law is not None:
             memory = [float(v) if abs(v) < inf else str(float(v)) for v in control.memory]
-            held['law'] = {
+            stored['law'] = {
                 'name': self._law.name,
                 'digest': self._law.digest,
                 'memory': memory,
             }
-        return {**self.state().as_dict(), 'gap_control': held}
+        return {**self.state().as_dict(), 'gap_control': stored}
 
     @classmethod
     def restore(
@@ -403,16 +403,16 @@ def own_law_of(law: Law | None) -> OwnLaw | None:
 
 
 def _restored_control(
-    held: dict[str, Any] | None, rig: RigState
+    stored: dict[str, Any] | None, rig: RigState
 ) -> tuple[GapControlParameters, Control]:
     """Return the control of a snapshot; off, if it has none."""
     try:
-        parameters = GapControlParameters(**(held['parameters'] if held else {}))
+        parameters = GapControlParameters(**(stored['parameters'] if stored else {}))
         control = control_of(parameters, rig.parameters, rig.own_law)
-        if held is None:
+        if stored is None:
             return parameters, control
-        control = control.restore(held['state'])
-        kept = held.get('law')
+        control = control.restore(stored['state'])
+        kept = stored.get('law')
         if kept is not None:
             if rig.own_law is None:
                 raise LawError(

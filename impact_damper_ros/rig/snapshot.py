@@ -224,13 +224,13 @@ class Snapshot(NamedTuple):
             raise FormatError(f'snapshot {error}') from None
         try:
             parameters = RigParameters(**stored['parameters'])
-            time, held = stored['time'], stored['origin']
+            time, origin = stored['time'], stored['origin']
             check_number('time', time, -LATEST, LATEST)
-            _check_state(held, time, len(parameters.harmonics[0]))
+            _check_state(origin, time, len(parameters.harmonics[0]))
             sweep = SteppedSine.of_dict(stored['sweep'])
             _check_sweep(sweep, parameters, time)
             values: dict[str, Any] = {
-                name: inf if held[name] is None else STORED_TYPES[name](held[name])
+                name: inf if origin[name] is None else STORED_TYPES[name](origin[name])
                 for name in STORED
             }
             playbacks = tuple(Playback.of_dict(r, time) for r in stored.get('records', ()))
@@ -243,7 +243,7 @@ class Snapshot(NamedTuple):
             return cls(
                 parameters,
                 Run(**values, now=float(time)),
-                tuple(map(float, held['angles'])),
+                tuple(map(float, origin['angles'])),
                 tuple(
                     Event(event[0], EventKind(event[1]), *event[2:])
                     for event in stored['unreported']

@@ -39,7 +39,7 @@ class GapBranch:
     start: PeriodicOrbit  # the motion that was followed
     branch: Branch
 
-    def holds(self, orbit: PeriodicOrbit) -> bool:
+    def contains(self, orbit: PeriodicOrbit) -> bool:
         """Return whether a motion of any rig, or its mirror image, is on the branch."""
         gap = orbit.parameters.gap
         if self.start.parameters.replace(gap=gap) != orbit.parameters:
@@ -120,7 +120,7 @@ class GapCurve:
         """Follow a motion, unless it is on a known branch."""
         if len(self._branches) >= _MOST_BRANCHES or math.isnan(self._ratio):
             return
-        if any(known.start is start or known.holds(start) for known in self._branches):
+        if any(known.start is start or known.contains(start) for known in self._branches):
             return
         branch = follow_gap(start)
         if branch is not None:

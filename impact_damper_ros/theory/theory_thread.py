@@ -37,7 +37,7 @@ class TheoryThread:
 
     Attributes
     ----------
-    course : int
+    rigs_requested : int
         Number of requested rigs so far.
     prediction : Prediction or None
         The newest prediction for the last of these rigs; None until there is one.
@@ -51,7 +51,7 @@ class TheoryThread:
     """
 
     def __init__(self, on_answer: Callable[[], object] = lambda: None) -> None:
-        self.course = 0
+        self.rigs_requested = 0
         self.prediction: Prediction | None = None
         self.document = failed_document(None, '')
         self.done = self.enabled = True
@@ -67,7 +67,7 @@ class TheoryThread:
     def ask(self, state: Mapping[str, Any]) -> None:
         """Request the theory of a rig, given by a snapshot's state, in place of the last one."""
         with self._news:
-            self.course += 1
+            self.rigs_requested += 1
             self._request = _Request(state, None, self._documents)
             # The document stays until there is another one: its time is that of its rig.
             self.prediction = None

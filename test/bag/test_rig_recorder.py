@@ -32,7 +32,7 @@ def simulated(tmp_path, initial, *arguments, rig=LIVELY):
 
 def snapshots(reader):
     return [
-        json.loads(decode(samples.STRING, r.content).data) for r in reader.records(['/snapshot'])
+        json.loads(decode(samples.STRING, r.content).data) for r in reader.messages(['/snapshot'])
     ]
 
 
@@ -49,7 +49,7 @@ def test_the_same_messages_in_the_same_order(tmp_path, rate):
     driver.start().run(ticks)
     assert reader.complete
     assert reader.custom['joint_states'] == '/joint_states'
-    recorded = [(r.topic, r.content, r.stamp_ns) for r in reader.records()]
+    recorded = [(r.topic, r.content, r.stamp_ns) for r in reader.messages()]
     (description,) = (m for m in recorded if m[0] == PICTURE)
     assert description[2] == 0
     assert [m for m in recorded if m is not description] == driver.messages
@@ -63,7 +63,7 @@ def test_the_same_messages_in_the_same_order(tmp_path, rate):
 def test_stamps_are_rounded_half_up_as_those_of_the_node(tmp_path, rate):
     """Every second tick at 1,024 Hz falls between two nanoseconds."""
     words = ('--rate', repr(rate), '--duration', repr(20.0 / rate))
-    recorded = simulated(tmp_path, InitialConditions(), *words).records(['/joint_states'])
+    recorded = simulated(tmp_path, InitialConditions(), *words).messages(['/joint_states'])
     exact = [Fraction(tick) * 10**9 / Fraction(rate) for tick in range(21)]
     assert [r.stamp_ns for r in recorded] == [floor(k + Fraction(1, 2)) for k in exact]
 

@@ -71,7 +71,7 @@ def recorded(bag, seconds):
     reader = RunReader(bag)
     return {
         name.rpartition('/')[2]: [
-            (r.stamp_ns, r.content) for r in reader.records([name]) if r.stamp_ns < seconds * 1e9
+            (r.stamp_ns, r.content) for r in reader.messages([name]) if r.stamp_ns < seconds * 1e9
         ]
         for name, _ in reader.topics
         if name.endswith(TOPICS)

@@ -55,7 +55,7 @@ def test_live_switching_while_recording(rig, tmp_path):
     (directory,) = (tmp_path / 'runs').iterdir()
     # What came over DDS is what was recorded.
     reader = RunReader(directory)
-    records = reader.records(['/gap_control'])
+    records = reader.messages(['/gap_control'])
     told = {act_of(deserialize_message(r.content, JointState)) for r in records}
     assert len(told) > 60
     begin, end = min(told)[0], max(told)[0]

@@ -325,6 +325,6 @@ def test_a_measured_motion_that_theory_did_not_name_is_asked_for_once():
         assert (measured.task, predicted.task) == ('measured motion', 'predicted motion')
     (motion,) = asked
     assert motion.rhythm.distance(ORBIT) < 1e-5
-    theory.course += 1
+    theory.rigs_requested += 1
     monitor.look()
     assert len(asked) == 2

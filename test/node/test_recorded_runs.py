@@ -154,7 +154,7 @@ def test_names_descriptions_and_what_a_killed_node_leaves(start):
     heard_ns = stamp_ns(states[-1].header.stamp)
 
     def written_ns():
-        records = RunReader(second).records([topic['js']])
+        records = RunReader(second).messages([topic['js']])
         return max((record.stamp_ns for record in records), default=0)
 
     def is_written():

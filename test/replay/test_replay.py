@@ -541,7 +541,7 @@ def test_the_recorded_what_if_is_what_simulate_rig_records(tmp_path):
     assert simulate_rig([*words, str(tmp_path / 'direct')]) == 0
     topics = {'/joint_states', '/impacts'}
     one, other = (
-        [record[2:] for record in RunReader(tmp_path / name).records(topics)]
+        [record[2:] for record in RunReader(tmp_path / name).messages(topics)]
         for name in ('other', 'direct')
     )
     assert one == other

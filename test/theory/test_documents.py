@@ -129,12 +129,12 @@ def test_a_branch_knows_its_motions_and_their_mirror_images():
     rig = HORIZONTAL.replace(gap=18.0, force_frequencies=1.02)
     motion, mirrored = (find_orbits(rig, stops).orbits[0] for stops in ((1, 1, 2), (1, 2, 2)))
     branch = follow_gap(motion)
-    assert branch.holds(motion)
-    assert branch.holds(mirrored)
-    assert branch.holds(find_orbits(rig.replace(gap=17.5), (1, 1, 2)).orbits[0])
-    assert not branch.holds(find_orbits(rig, (1, 2)).orbits[0])
+    assert branch.contains(motion)
+    assert branch.contains(mirrored)
+    assert branch.contains(find_orbits(rig.replace(gap=17.5), (1, 1, 2)).orbits[0])
+    assert not branch.contains(find_orbits(rig, (1, 2)).orbits[0])
     other = find_orbits(rig.replace(damping=0.011), (1, 1, 2)).orbits[0]
-    assert not branch.holds(other)
+    assert not branch.contains(other)
 
 
 def test_the_curve_goes_on_where_it_falls_at_the_end_of_its_range():

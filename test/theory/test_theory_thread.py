@@ -61,11 +61,11 @@ def test_all_that_is_asked_is_answered(theory):
     assert 'snapshot of format 99' in failed['text']
     theory.want_documents(False)
     theory.ask(state_of(THREE))
-    assert theory.course == 3
+    assert theory.rigs_requested == 3
     assert answer(theory).expected.stops == (1, 1, 2)
     theory.ask_like(motion_on(find_orbits(THREE, (1, 2, 2)).orbits[0]))
     found = answer(theory)
-    assert (found.basis, found.expected.stops, theory.course) == ('measured', (1, 2, 2), 3)
+    assert (found.basis, found.expected.stops, theory.rigs_requested) == ('measured', (1, 2, 2), 3)
     theory.enable(False)
     assert (theory.done, theory.prediction) == (True, None)
 
