@@ -92,7 +92,18 @@ Law: TypeAlias = Callable[[LawInput, Any], tuple[float, float]]
 
 
 class LawError(ValueError):
-    """A law of the user's own cannot be used, or has failed."""
+    """
+    A law of the user's own cannot be used, or has failed.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> try:
+    ...     Rig(RigParameters(), law=lambda seen: (0.0, 0.0))
+    ... except LawError as error:
+    ...     print(str(error).partition(': ')[2])
+    define it as law(seen, memory) (too many positional arguments)
+    """
 
 
 def _in_words(error: BaseException) -> str:

@@ -33,7 +33,18 @@ _DEFAULT = RigParameters()
 
 
 class OrbitError(ValueError):
-    """A periodic motion that cannot be asked for; the text holds the remedy."""
+    """
+    A request for a periodic motion that no rig can have; the message names the remedy.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters, find_orbits
+    >>> try:
+    ...     find_orbits(RigParameters(force_amplitudes=[0.0]), (1, 2))
+    ... except OrbitError as error:
+    ...     print(str(error).partition(':')[0])
+    no force acts, and the base is at rest
+    """
 
 
 def single_harmonic(parameters: RigParameters) -> bool:

@@ -186,6 +186,14 @@ class Branch:
     began, ended : str
         Why the branch was not followed further at its first and last point; empty if it was not
         followed there.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters, find_orbits, follow
+    >>> orbit = find_orbits(RigParameters(gravity=0.0), (1, 2))[0]
+    >>> branch = follow(orbit, 'gap', 30.0, 40.0)
+    >>> branch.name, branch.special[0].kind.value, round(branch.special[0].value, 3)
+    ('gap', 'branch point', 35.727)
     """
 
     name: str

@@ -60,6 +60,15 @@ class ParameterError(ValueError):
     ----------
     name : str
         Name of the offending parameter.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import RigParameters
+    >>> try:
+    ...     RigParameters(gap=-1.0)
+    ... except ParameterError as error:
+    ...     print(error.name, '-', error)
+    gap - gap is -1.0 m: give a number from 1e-09 to 1e+09 m
     """
 
     def __init__(self, name: str, message: str) -> None:

@@ -190,7 +190,17 @@ _HEAD = 'start the file with "/**:" and, indented below it, "ros__parameters:"'
 
 
 class ParametersFileError(ValueError):
-    """A parameters file that cannot be used; the message names file, cause and remedy."""
+    """
+    A parameters file that cannot be used; the message names file, cause and remedy.
+
+    Examples
+    --------
+    >>> try:
+    ...     load_parameters('rig.yaml')
+    ... except ParametersFileError as error:
+    ...     print(str(error).partition(':')[0])
+    rig.yaml
+    """
 
 
 def _flatten(tree: dict[Any, Any], above: str = '') -> Iterator[tuple[str, Any]]:

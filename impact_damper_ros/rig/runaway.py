@@ -21,12 +21,22 @@ REMEDY = 'make the stops less elastic or the gap wider'
 
 class RunawayError(RuntimeError):
     """
-    A rig has more events than it may have.
+    A rig has more events than allowed.
 
     Attributes
     ----------
     events : sequence of Event
         Events of the call that raises the error.
+
+    Examples
+    --------
+    >>> from impact_damper_ros import Rig, RigParameters
+    >>> rig = Rig(RigParameters(gravity=0.0))
+    >>> try:
+    ...     rig.advance(100.0, most_in_period=2)
+    ... except RunawayError as error:
+    ...     print(len(error.events), 'events, the last one at', round(error.events[-1].time, 6))
+    2 events, the last one at 45.407186
     """
 
     def __init__(self, reason: str, events: Sequence[Event] = ()) -> None:

@@ -47,9 +47,7 @@ def test_every_public_name_has_an_example():
     assert [
         name
         for name, thing in things.items()
-        if callable(thing)
-        and not (isinstance(thing, type) and issubclass(thing, Exception))
-        and not any('>>>' in text for text in docstrings(thing))
+        if callable(thing) and not any('>>>' in text for text in docstrings(thing)[:1])
     ] == []
 
 
