@@ -41,7 +41,7 @@ _FIRST_GUESS = 85.0
 _GUESSED = 500
 
 
-class _RecordFile:
+class _FlushedFile:
     """
     The output of the MCAP writer: a file that always ends where a flush ended.
 
@@ -115,7 +115,7 @@ class BagFile:
         self._before = list(self.counts)
         self._guess = _FIRST_GUESS
         # Files that are finished, but not forced to the disk yet
-        self._finished: deque[_RecordFile] = deque()
+        self._finished: deque[_FlushedFile] = deque()
         try:
             name_in_utf8(self._stem)
         except UnicodeDecodeError as error:
@@ -137,7 +137,7 @@ class BagFile:
 
     def _open(self, path: Path) -> None:
         """Begin a file; nothing is left of it if that fails."""
-        stream = _RecordFile(path)
+        stream = _FlushedFile(path)
         try:
             writer = Writer(stream, _CHUNK_SIZE, enable_data_crcs=True)  # type: ignore[arg-type]
             writer.start(PROFILE, LIBRARY)

@@ -96,17 +96,17 @@ def may_chatter(constants: RigConstants, run: Run) -> bool:
     """
     Return whether a chatter may be complete, or a bounce too short to be resolved.
 
-    A bounce takes at least 2 speed/push.
+    A bounce takes at least 2 speed/bound.
     """
-    push = constants.drive_bound + (1.0 + constants.mass_ratio) * (
+    bound = constants.drive_bound + (1.0 + constants.mass_ratio) * (
         constants.joint.omega_squared * abs(run.x)
         + 2.0 * constants.joint.decay * abs(common_velocity(constants, run))
         + abs(run.force + run.recorded_force) * constants.share / constants.damper_mass
     )
     twice = 2.0 * abs(run.relative_velocity)
     return (
-        constants.free.jerk_bound * twice <= CHATTER_TOLERANCE * push * push
-        or twice <= SHORTEST_BOUNCE * constants.free.horizon * push
+        constants.free.jerk_bound * twice <= CHATTER_TOLERANCE * bound * bound
+        or twice <= SHORTEST_BOUNCE * constants.free.horizon * bound
     )
 
 

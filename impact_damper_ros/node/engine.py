@@ -373,7 +373,7 @@ class Engine:
         self._publish_states()
         while not self._stopping.is_set():
             if not self._state.moves:
-                self._hold()
+                self._idle()
                 continue
             due_ns = self._grid.instant(self._tick + 1)
             if not self._move_to(due_ns):
@@ -424,7 +424,7 @@ class Engine:
         self._attend()
         return False
 
-    def _hold(self) -> None:
+    def _idle(self) -> None:
         """
         Wait while the rig is paused or held.
 
@@ -548,7 +548,7 @@ class Engine:
         self._obey()
         while self.controller.waits and not self._stopping.is_set():
             if not self._state.moves:
-                self._hold()
+                self._idle()
                 since = self._wall.monotonic()
             self.controller.wait(LOCK_STEP_NAP_S)
             self._serve()

@@ -28,7 +28,7 @@ from typing import NamedTuple, Protocol
 CATCH_UP_NS = 250_000_000
 # A free-running rig leaves the processor for a moment this often, so that parameter calls and the
 # log's writer are served.
-FREE_RUN_STRETCH_NS = 10_000_000
+FREE_RUN_NS = 10_000_000
 FREE_RUN_REST_S = 0.0005
 
 
@@ -98,7 +98,7 @@ class Pacer:
         self.set_pace(period_ns, real_time_factor)
         self._wall = wall
         self._anchor_ns = self._anchor_rig_ns = 0
-        self._stretch_began_ns = wall.monotonic_ns()
+        self._free_since_ns = wall.monotonic_ns()
         self._ticks = self._overruns = self._slips = self._slipped_ns = 0
         self._worst_ns = 0
 
@@ -154,9 +154,9 @@ class Pacer:
             self._slipped_ns += late_ns
 
     def _rest_at_times(self) -> None:
-        if self._wall.monotonic_ns() - self._stretch_began_ns > FREE_RUN_STRETCH_NS:
+        if self._wall.monotonic_ns() - self._free_since_ns > FREE_RUN_NS:
             self._wall.sleep(FREE_RUN_REST_S)
-            self._stretch_began_ns = self._wall.monotonic_ns()
+            self._free_since_ns = self._wall.monotonic_ns()
 
 
 ORDINARY = 'ordinary'

@@ -131,7 +131,7 @@ class WhatIf:
         RecordingError
             If the recording fails.
         """
-        passage = RunSamples(self.rig, part.samples['time'])
+        run = RunSamples(self.rig, part.samples['time'])
         early, self._early = self._early, []
         command, before = part.command, {}
         caused: list[Events] = []
@@ -139,7 +139,7 @@ class WhatIf:
             ends = [command.time] if command is not None else part.samples['time'][-1:].tolist()
             for end in ends:
                 recorder = [] if self._recorder is None else [_UpTo(end, self._recorder)]
-                passage.go(end, deque(part.orders), recorder, self._most_in_period)
+                run.go(end, deque(part.orders), recorder, self._most_in_period)
             if part.before:
                 before = self.rig.snapshot()
             for time_ns, step in part.steps:
@@ -147,11 +147,9 @@ class WhatIf:
             if command is not None:
                 command = command._replace(state=self.rig.snapshot())
         finally:
-            self.refusals += passage.refusals
-            events = np.concatenate([NO_EVENTS, *early, passage.events, *caused])
-            self.reached = RunPart(
-                passage.samples, events, command, part.steps, before, part.orders
-            )
+            self.refusals += run.refusals
+            events = np.concatenate([NO_EVENTS, *early, run.events, *caused])
+            self.reached = RunPart(run.samples, events, command, part.steps, before, part.orders)
         return self.reached
 
     def close(self) -> None:

@@ -77,7 +77,7 @@ from .stepped_sine import waves_after
 
 #: Steps of a search between two calls of `interrupted`; few flights take more. Compiled code takes
 #: longer to begin than for thousands.
-_STRETCH, _COMPILED_STRETCH = 4, 20_000
+_STEPS, _COMPILED_STEPS = 4, 20_000
 
 _act_fields = attrgetter(*ActRow.__dataclass_fields__)
 _NO_INSTANTS: npt.NDArray[np.float64] = np.empty(0)
@@ -227,11 +227,11 @@ class Rig(RigState):
             in_mode = np.zeros(len(Mode)) if self.compiled else [0.0] * len(Mode)
         instants = when if self.compiled else when.tolist()
         schedule = self._schedule._replace(instants=instants, samples=samples)
-        stretch = _COMPILED_STRETCH if self.compiled else _STRETCH
+        steps = _COMPILED_STEPS if self.compiled else _STEPS
         try:
             while True:
                 run.most, run.happened = most - happened, 0
-                run.steps = ALL_STEPS if interrupted is None else stretch
+                run.steps = ALL_STEPS if interrupted is None else steps
                 run.sweep_due = self._sweep.due
                 if self.compiled:
                     status = self._run_compiled(in_mode, schedule, time, tables, strobe)

@@ -165,7 +165,7 @@ def test_error_names_path_cause_and_remedy(tmp_path, monkeypatch, number, words)
     def refuse(*_):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(bag_file._RecordFile, '__init__', refuse)
+    monkeypatch.setattr(bag_file._FlushedFile, '__init__', refuse)
     with pytest.raises(RecordingError) as caught:
         RunWriter(tmp_path / 'bag', [NOTE])
     assert str(caught.value).startswith(f"cannot record to '{tmp_path}/bag/bag_0.mcap': {words}")
