@@ -46,7 +46,6 @@ from impact_damper_ros.node.engine_state import EngineStatus  # noqa: E402
 from impact_damper_ros.node.pacing import PacingCounts  # noqa: E402
 from impact_damper_ros.node.recording import RecordingStatus  # noqa: E402
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS  # noqa: E402
-from impact_damper_ros.rig.rig_state import RigState  # noqa: E402
 from impact_damper_ros.theory.documents import theory  # noqa: E402
 
 DOCS = ROOT / 'docs'
@@ -154,11 +153,11 @@ def _cell(doc: str | None) -> str:
 
 
 def _members(cls: type) -> list[tuple[str, Any]]:
-    """Return the documented methods and properties of a class; `Rig` has those of `RigState`."""
+    """Return the documented methods and properties of a class; `Rig` has those of its bases."""
     return [
         (name, value)
         for half in reversed(cls.__mro__)
-        if half in (cls, RigState)
+        if half is cls or issubclass(half, RigState)
         for name, value in vars(half).items()
         if not name.startswith('_')
         and isinstance(value, (classmethod, staticmethod, property)) | inspect.isfunction(value)

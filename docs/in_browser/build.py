@@ -46,7 +46,8 @@ HERE = Path(__file__).parent
 STATIC = Path(presets.__file__).with_name('static')
 #: Methods that the page does without, of classes that do more than it needs.
 LEFT_OUT = {
-    'Rig': {'run', 'run_until_return', '_run_compiled', 'order', 'move_stops'},
+    'Rig': {'run', 'run_until_return', '_run_compiled', 'order'},
+    'RigChanges': {'move_stops'},
     'RigState': {
         *('_may_compile', 'measure', 'state', 'law', 'own_law', 'snapshot', 'restore', 'resume'),
         *('drive', '_reason', 'stops', 'energies'),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 #: Joints of the topic `gap_control`.
@@ -54,6 +55,10 @@ class ActRow:
     energy_1: float = 0.0
     energy_2: float = 0.0
     action: int = 0
+
+
+#: Reads the fields of a row in their order.
+act_fields = attrgetter(*ActRow.__dataclass_fields__)
 
 
 class ControlAct(NamedTuple):

@@ -46,7 +46,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     check_rig,
 )
 
-from .loop import run_compiled
+from .compiled_run import run_compiled
 from .rig_state import own_law_of
 from .run_arguments import later_time, most_of, times_between
 from .run_result import Outcome

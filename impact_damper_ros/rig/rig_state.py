@@ -40,7 +40,8 @@ from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigPa
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, Snapshot
 from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at
 
-from .loop import NO_TIMES, Records, Schedule, hold_base
+from .acts import NO_TIMES, Schedule, hold_base
+from .compiled_run import Records
 from .playback import Playback
 from .run_result import Outcome
 

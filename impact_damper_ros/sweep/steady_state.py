@@ -30,11 +30,11 @@ from impact_damper_ros.parameters.parameter_spec import (
     whole_number,
 )
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
-from impact_damper_ros.rig.loop import CYCLES_OF_A_LOOK
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, RunResult, one_table, rows_where
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
+from impact_damper_ros.rig.strobe import CYCLES_OF_A_LOOK
 
 Array = NDArray[np.float64]
 #: The columns of one rig, for JSON.

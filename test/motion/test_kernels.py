@@ -18,7 +18,7 @@ import pytest
 from rigs import HORIZONTAL
 from running import until
 
-import impact_damper_ros.rig.loop as loop_module
+import impact_damper_ros.rig.compiled_run as compiled_run
 import impact_damper_ros.rig.rig as rig_module
 import impact_damper_ros.rig.run_result as run_result
 from impact_damper_ros import Rig, find_orbits
@@ -283,7 +283,7 @@ def test_ctrl_c_as_compiled_code_returns(monkeypatch):
 
     run = Rig(HORIZONTAL, compiled=True)
     before = run.snapshot()
-    monkeypatch.setattr(loop_module, 'compiled_kernel', lambda *_, **__: interrupted)
+    monkeypatch.setattr(compiled_run, 'compiled_kernel', lambda *_, **__: interrupted)
     with pytest.raises(KeyboardInterrupt):
         run.run(10.0)
     assert run.snapshot() == before
