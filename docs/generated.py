@@ -46,6 +46,7 @@ from impact_damper_ros.node.engine_state import EngineStatus  # noqa: E402
 from impact_damper_ros.node.pacing import PacingCounts  # noqa: E402
 from impact_damper_ros.node.recording import RecordingStatus  # noqa: E402
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS  # noqa: E402
+from impact_damper_ros.rig.rig_state import RigState  # noqa: E402
 from impact_damper_ros.theory.documents import theory  # noqa: E402
 
 DOCS = ROOT / 'docs'

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from impact_damper_ros.motion.kernels import kernel, pack_rows
+from impact_damper_ros.motion.kernels import kernel
+from impact_damper_ros.motion.records import pack_rows
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 

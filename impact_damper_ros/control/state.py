@@ -11,7 +11,8 @@ from dataclasses import dataclass, fields
 from math import nan, pi
 from typing import Any, NamedTuple, TypeVar
 
-from impact_damper_ros.motion.kernels import copy_of, kernel, unpack
+from impact_damper_ros.motion.kernels import kernel
+from impact_damper_ros.motion.records import copy_of, unpack
 from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .flight import Motion, motion_after, places_after, stop_rates
-from .kernels import dtype_of, kernel
+from .kernels import kernel
 from .oscillator import Line
+from .records import dtype_of
 from .state import Moving, Run, Wave, carried_to, offset_of, place
 
 

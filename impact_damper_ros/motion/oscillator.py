@@ -23,7 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .kernels import kernel, rows_of
+from .kernels import kernel
+from .records import rows_of
 
 Array = npt.NDArray[Any]
 

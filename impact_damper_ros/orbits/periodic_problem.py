@@ -14,14 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EventKind, EventRow
-from impact_damper_ros.motion.kernels import (
-    call_kernel,
-    dtype_of,
-    has_numba,
-    pack,
-    pack_rows,
-)
+from impact_damper_ros.motion.kernels import call_kernel, has_numba
 from impact_damper_ros.motion.oscillator import Line, Oscillator
+from impact_damper_ros.motion.records import dtype_of, pack, pack_rows
 from impact_damper_ros.motion.state import (
     CHATTER_1,
     DAMPER_MASS,

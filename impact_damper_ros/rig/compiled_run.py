@@ -9,8 +9,9 @@ import numpy as np
 
 from impact_damper_ros.control.act import ActRow
 from impact_damper_ros.control.state import Control
-from impact_damper_ros.motion.kernels import compiled_kernel, dtype_of, kernel, only_row
+from impact_damper_ros.motion.kernels import compiled_kernel, kernel, only_row
 from impact_damper_ros.motion.next_event import DONE, FULL, count_modes
+from impact_damper_ros.motion.records import dtype_of
 from impact_damper_ros.motion.state import Moving
 from impact_damper_ros.motion.transition import begin_from
 

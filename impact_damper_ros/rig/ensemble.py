@@ -21,9 +21,10 @@ from impact_damper_ros.control.state import (
     settings_fields,
 )
 from impact_damper_ros.motion.event import SAMPLE_TYPE, EventRow, Sample
-from impact_damper_ros.motion.kernels import dtype_of, on_threads, pack, rows_of
+from impact_damper_ros.motion.kernels import on_threads
 from impact_damper_ros.motion.next_event import ALL_STEPS, COMMANDS_FULL, LAW_FAILED
 from impact_damper_ros.motion.oscillator import oscillators
+from impact_damper_ros.motion.records import dtype_of, pack, rows_of
 from impact_damper_ros.motion.state import (
     Mode,
     RigConstants,

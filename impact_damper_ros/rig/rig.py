@@ -24,7 +24,6 @@ from impact_damper_ros.motion.event import (
     Sample,
 )
 from impact_damper_ros.motion.flight import begin_flight
-from impact_damper_ros.motion.kernels import dtype_of, pack_rows, unpack
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,
     COMMANDS_FULL,
@@ -38,6 +37,7 @@ from impact_damper_ros.motion.next_event import (
     count_modes,
 )
 from impact_damper_ros.motion.oscillator import Line
+from impact_damper_ros.motion.records import dtype_of, pack_rows, unpack
 from impact_damper_ros.motion.state import Mode, RigConstants, Run, Wave
 from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD, RunawayError

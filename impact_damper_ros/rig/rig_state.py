@@ -29,7 +29,8 @@ from impact_damper_ros.motion.event import (
     view_at,
 )
 from impact_damper_ros.motion.flight import begin_flight, move_to, oscillator_of
-from impact_damper_ros.motion.kernels import copy_of, has_numba
+from impact_damper_ros.motion.kernels import has_numba
+from impact_damper_ros.motion.records import copy_of
 from impact_damper_ros.motion.state import Mode, Moving, Run, Wave, constants_of, starting_fields
 from impact_damper_ros.motion.transition import begin_from, report_support
 from impact_damper_ros.motion.zero_passage import set_side

@@ -22,8 +22,8 @@ from impact_damper_ros.motion.event import (
     events_of_table,
     table_of_events,
 )
-from impact_damper_ros.motion.kernels import dtype_of
 from impact_damper_ros.motion.next_event import DONE, RUNAWAY, SPENT
+from impact_damper_ros.motion.records import dtype_of
 from impact_damper_ros.parameters.quoting import plural
 
 from .runaway import REMEDY

@@ -18,9 +18,10 @@ from types import FunctionType
 import numpy as np
 
 from impact_damper_ros.motion.flight import begin_flight
-from impact_damper_ros.motion.kernels import compiled_namespace, has_numba, rows_of
+from impact_damper_ros.motion.kernels import compiled_namespace, has_numba
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import Line, Oscillator, oscillators
+from impact_damper_ros.motion.records import rows_of
 from impact_damper_ros.motion.state import Mode, Moving, RigConstants, Run, Wave
 from oracle.dense_check import FALSE, MISSED, Verdict, check
 from oracle.flight_cases import EPS, FlightCases
