@@ -133,7 +133,7 @@ class Engine:
         self._waiting_ns: int | None = None
         # The reason of the snapshot that is due, and whether the rig has another motion since the
         # last one
-        self._news, self._is_new_motion = 'start', True
+        self._snapshot_reason, self._is_new_motion = 'start', True
         trace = MotionTrace.at(parameters.rig, self._rig.snapshot())
         self._motion = RigMotion(self._rig, publishers, trace)
         # All parameters, as an encoded ParameterEvent, while there is a recording
@@ -196,10 +196,10 @@ class Engine:
         request: Request = Future()
         self._requests.append((request, partial(act, *args, **kwargs)))
         if self._closed.is_set():
-            self._turn_away()
+            self._reject_requests()
         return request
 
-    def _turn_away(self) -> None:
+    def _reject_requests(self) -> None:
         """Reject all waiting requests."""
         # Another thread may empty the queue at the same time.
         with contextlib.suppress(IndexError):
@@ -238,7 +238,7 @@ class Engine:
         # First the cause, then its effects
         self._record_event(event)
         if self._snapshots.change(before.initial.as_dict(), after.initial.as_dict()):
-            self._news = self._news or 'change'
+            self._snapshot_reason = self._snapshot_reason or 'change'
         try:
             self._change_rig(now, after.control)
         except RIG_FAILURES as error:
@@ -265,7 +265,7 @@ class Engine:
         self._send(events, rig.acts)
         self._snapshots.change(was, {**now.as_dict(), **control.as_dict()})
         self._release()
-        self._is_new_motion, self._news = True, self._news or 'change'
+        self._is_new_motion, self._snapshot_reason = True, self._snapshot_reason or 'change'
 
     def _make_rest(self) -> None:
         """Make the change that has waited for the base, or for a rig that can take it."""
@@ -284,7 +284,7 @@ class Engine:
         self._motion.last_act = None
         self._make_rest()
         self._release()
-        self._news = 'reset'
+        self._snapshot_reason = 'reset'
         self._is_new_motion = True
 
     def pause(self, paused: bool) -> bool:
@@ -297,14 +297,14 @@ class Engine:
             return False
         self._enter(after, 'the step was ended by a pause or by running on')
         if after.moves and not before.moves:
-            self._news = 'resume'
+            self._snapshot_reason = 'resume'
         return True
 
     def _set_pace(self, real_time_factor: float) -> None:
         """Run at another pace; stamps that count from the system time do not go back."""
         self._pacer.set_pace(self._grid.instant(1), real_time_factor)
-        if self._state.moves and self._go_on():
-            self._news = self._news or 'slip'
+        if self._state.moves and self._resume():
+            self._snapshot_reason = self._snapshot_reason or 'slip'
 
     def step(self, *, to_impact: bool = False) -> Request:
         """
@@ -324,7 +324,7 @@ class Engine:
         ended: Request = Future()
         step = Step(lambda: motion.impacts > impacts if to_impact else self._tick > tick, ended)
         self._enter(State(Running.STEP, step=step))
-        self._news = 'resume'
+        self._snapshot_reason = 'resume'
         return ended
 
     def record_to(self, log: RunWriter, event: bytes) -> None:
@@ -334,13 +334,13 @@ class Engine:
         The log may request a new file, which begins with a tick as the recording did.
         """
         self._out.log, self._out.recorded, self._listing = log, 0, event
-        self._announce('record')
+        self._publish_snapshot('record')
         self._record_event(event)
 
     def stop_recording(self) -> RunWriter | None:
         """End the recording; return its log, if any."""
         # The log has all commands so far, and ends with a whole tick.
-        self._report_news()
+        self._publish_due_snapshot()
         if self._within_tick:
             stamp_ns = self.stamp_ns()
             data = self._motion.states(stamp_ns)
@@ -362,14 +362,14 @@ class Engine:
             self.failure = error
         finally:
             self._closed.set()
-            self._turn_away()
+            self._reject_requests()
             self._enter(self._state._replace(step=None), 'the rig is shutting down')
 
     def _run_ticks(self) -> None:
         self._stamps.catch_up(0)
         self._pacer.anchor(0)
-        self._serve()
-        self._attend()
+        self._run_requests()
+        self._exchange_with_controller()
         self._publish_states()
         while not self._stopping.is_set():
             if not self._state.moves:
@@ -382,9 +382,9 @@ class Engine:
             self._tick += 1
             self._pacer.wait(due_ns)
             self._time_ns, self._within_tick = due_ns, True
-            self._follow_clock()
-            self._serve()
-            self._attend()
+            self._align_stamps()
+            self._run_requests()
+            self._exchange_with_controller()
             self._publish_states()
             step = self._state.step
             if step is not None and step.reached():
@@ -420,8 +420,8 @@ class Engine:
             return True
         self._pacer.pause_until(reached_ns)
         self._time_ns = reached_ns
-        self._serve()
-        self._attend()
+        self._run_requests()
+        self._exchange_with_controller()
         return False
 
     def _idle(self) -> None:
@@ -440,7 +440,7 @@ class Engine:
                 # Deadlines missed while the process was stopped are left out.
                 due_ns = max(due_ns + PAUSED_PERIOD_NS, self._wall.monotonic_ns())
             self._wall.sleep(PAUSED_NAP_S)
-            self._serve()
+            self._run_requests()
             self.controller.refuse_all('the rig is paused')
 
     def _enter(self, state: State, why: str = '') -> None:
@@ -449,7 +449,7 @@ class Engine:
         if why and before.step is not None:
             before.step.ended.set_exception(NotNowError(why))
         if state.moves and not before.moves:
-            self._go_on()
+            self._resume()
 
     def _give_up(self, error: Exception) -> None:
         """Hold a rig that cannot continue."""
@@ -465,14 +465,14 @@ class Engine:
         if self._state.held:
             self._enter(State(self._state.after))
 
-    def _go_on(self) -> bool:
+    def _resume(self) -> bool:
         """Resume a rig with new stamps and deadlines; return whether the stamps have moved."""
         moved = self._stamps.catch_up(self._time_ns)
         # In this order no deadline is before its stamp, however late this thread comes here.
         self._pacer.anchor(self._time_ns)
         return moved
 
-    def _follow_clock(self) -> None:
+    def _align_stamps(self) -> None:
         """Keep the stamps by the system time; those of a recording only increase."""
         if self._pacer.factor != 1.0:
             return
@@ -481,7 +481,7 @@ class Engine:
             return
         # Deadlines are not before the stamps, however late this thread comes here.
         self._pacer.anchor(self._time_ns)
-        self._news = self._news or 'slip'
+        self._snapshot_reason = self._snapshot_reason or 'slip'
         apart, way = ('behind', 'on') if moved_ns > 0 else ('ahead of', 'back')
         self._on_trouble(
             f'stamps {way}',
@@ -492,11 +492,11 @@ class Engine:
     def _wait_for_log(self) -> None:
         while self._out.log is not None and self._out.log.backlog > LOG_BACKLOG:
             self._wall.sleep(PAUSED_NAP_S)
-            self._serve()
+            self._run_requests()
             if not self._state.moves or self._stopping.is_set():
                 break
 
-    def _serve(self) -> None:
+    def _run_requests(self) -> None:
         if self._waiting_ns is not None and self._time_ns >= self._waiting_ns:
             try:
                 self._make_rest()
@@ -514,7 +514,7 @@ class Engine:
             except Exception as error:
                 request.set_exception(error)
                 raise
-        self._report_news()
+        self._publish_due_snapshot()
 
     def _alter(self, alter: Callable[[], _Result]) -> _Result:
         """Alter the rig; a failure leaves the rig as it was."""
@@ -530,14 +530,14 @@ class Engine:
         for message in self._motion.messages_of(events, acts, self._stamps.offset_ns):
             self._out.emit(*message)
 
-    def _attend(self) -> None:
+    def _exchange_with_controller(self) -> None:
         """Publish the measurements that are due, and carry out the commands that have come."""
         try:
             for sent in self.controller.measurements(self._time_ns, self._stamps.offset_ns):
                 self._out.emit(self._publishers['measurements'], sent.content, self.stamp_ns())
                 if self.controller.waits:
                     self._await_command(sent.content)
-            self._obey()
+            self._carry_out_commands()
         except RIG_FAILURES as error:
             self._give_up(error)
 
@@ -545,14 +545,14 @@ class Engine:
         """Wait in lock-step for the command to a measurement."""
         begun = since = self._wall.monotonic()
         again = begun + SEND_AGAIN_S
-        self._obey()
+        self._carry_out_commands()
         while self.controller.waits and not self._stopping.is_set():
             if not self._state.moves:
                 self._idle()
                 since = self._wall.monotonic()
             self.controller.wait(LOCK_STEP_NAP_S)
-            self._serve()
-            self._obey()
+            self._run_requests()
+            self._carry_out_commands()
             now = self._wall.monotonic()
             if now >= again:
                 self._out.publish(self._publishers['measurements'], measurement)
@@ -569,7 +569,7 @@ class Engine:
             # Rig time does not make up for the wait.
             self._pacer.anchor(self._time_ns)
 
-    def _obey(self) -> None:
+    def _carry_out_commands(self) -> None:
         """Carry out the commands of a controller that have come."""
         for events, acts in self.controller.obey(self._time_ns, self.stamp_ns()):
             self._send(events, acts)
@@ -577,7 +577,7 @@ class Engine:
     def _split(self, log: RunWriter) -> None:
         """Begin a new file of the recording, with everything that its reader needs."""
         if log.split(self.stamp_ns()):
-            self._announce('record')
+            self._publish_snapshot('record')
             self._record_event(self._listing)
 
     # Publishing
@@ -595,12 +595,12 @@ class Engine:
         if (clock := self._publishers.get('clock')) is not None:
             self._out.publish(clock, clock_message(self.stamp_ns()))
 
-    def _report_news(self) -> None:
-        if self._news:
-            self._announce(self._news)
-            self._news = ''
+    def _publish_due_snapshot(self) -> None:
+        if self._snapshot_reason:
+            self._publish_snapshot(self._snapshot_reason)
+            self._snapshot_reason = ''
 
-    def _announce(self, reason: str) -> None:
+    def _publish_snapshot(self, reason: str) -> None:
         """Publish a snapshot: all that a bit-for-bit continuation needs."""
         state = self._rig.snapshot()
         self._snapshots.move_stamps(self._stamps.offset_ns)

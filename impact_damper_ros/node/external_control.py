@@ -43,7 +43,7 @@ def _seconds(stamp_ns: int) -> str:
     return f'{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}'
 
 
-class Sent(NamedTuple):
+class DelayedMeasurement(NamedTuple):
     """A measurement before its publication: rig time of that in ns, stamp and content."""
 
     due_ns: int
@@ -84,7 +84,7 @@ class ExternalControl:
         # Number of the next measurement; delayed measurements, and the last one, for a frozen
         # sensor
         self._index = 0
-        self._on_the_way: deque[Sent] = deque()
+        self._on_the_way: deque[DelayedMeasurement] = deque()
         self._seen: tuple[tuple[float, ...], tuple[float, ...]] | None = None
         # In lock-step: the topics from which a command is awaited
         self._topics = {'off': set(), 'both': {'stop_commands', 'force_command'}}.get(
@@ -114,7 +114,7 @@ class ExternalControl:
         sample_ns = self._grid.instant(self._index)
         return min(sample_ns, self._on_the_way[0].due_ns) if self._on_the_way else sample_ns
 
-    def measurements(self, time_ns: int, offset_ns: int) -> Iterator[Sent]:
+    def measurements(self, time_ns: int, offset_ns: int) -> Iterator[DelayedMeasurement]:
         """
         Take the measurement that is due at an instant; yield the measurements to publish then.
 
@@ -158,7 +158,7 @@ class ExternalControl:
         if self._on_the_way:
             # No measurement overtakes the one before.
             due_ns = max(due_ns, self._on_the_way[-1].due_ns)
-        self._on_the_way.append(Sent(due_ns, stamp_ns, content))
+        self._on_the_way.append(DelayedMeasurement(due_ns, stamp_ns, content))
 
     def wait(self, seconds: float) -> None:
         """Wait for a command."""

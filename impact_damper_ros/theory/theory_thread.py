@@ -60,13 +60,13 @@ class TheoryThread:
         # The newest request, as long as it counts, and whether it waits to be begun
         self._request: _Request | None = None
         self._waiting = False
-        self._news = threading.Condition()
+        self._condition = threading.Condition()
         self._thread = threading.Thread(target=self._run, name='theory', daemon=True)
         self._thread.start()
 
     def ask(self, state: Mapping[str, Any]) -> None:
         """Request the theory of a rig, given by a snapshot's state, in place of the last one."""
-        with self._news:
+        with self._condition:
             self.rigs_requested += 1
             self._request = _Request(state, None, self._documents)
             # The document stays until there is another one: its time is that of its rig.
@@ -75,21 +75,21 @@ class TheoryThread:
 
     def ask_like(self, measured: ObservedMotion) -> None:
         """Request the theory of the same rig once more, given its measured motion."""
-        with self._news:
+        with self._condition:
             if self._request is not None:
                 self._request = self._request._replace(measured=measured)
                 self._begin()
 
     def want_documents(self, wanted: bool) -> None:
         """Choose whether documents are made; those of the present rig are made only once."""
-        with self._news:
+        with self._condition:
             self._documents = wanted
             if wanted and self._request is not None and not self._request.documented:
                 self._begin()
 
     def enable(self, enabled: bool) -> None:
         """Switch the computation on, or off."""
-        with self._news:
+        with self._condition:
             if enabled != self.enabled:
                 self.enabled = enabled
                 self.prediction = None
@@ -99,9 +99,9 @@ class TheoryThread:
 
     def close(self) -> None:
         """End the thread, once it has its present answer."""
-        with self._news:
+        with self._condition:
             self._closed = True
-            self._news.notify()
+            self._condition.notify()
 
     def _begin(self) -> None:
         """Let the thread begin with the newest request."""
@@ -109,7 +109,7 @@ class TheoryThread:
             self._request = self._request._replace(documented=self._documents)
         self._waiting = self.enabled and self._request is not None
         self.done = not self._waiting
-        self._news.notify()
+        self._condition.notify()
 
     # The thread
 
@@ -119,22 +119,22 @@ class TheoryThread:
 
         loaded = False
         while True:
-            with self._news:
-                self._news.wait_for(lambda: self._waiting or self._closed)
+            with self._condition:
+                self._condition.wait_for(lambda: self._waiting or self._closed)
                 request, self._waiting = self._request, False
             if self._closed or request is None:
                 return
             for answer in answers(request.state, request.measured, request.documented):
-                with self._news:
+                with self._condition:
                     if self._closed or request is not self._request or not self.enabled:
                         break
                     self.prediction, document = answer
                     self.document = document or self.document
                     self.done = self.prediction.complete
                 self._on_answer()
-                with self._news:
+                with self._condition:
                     # While a knob is turned, the next request comes first.
-                    if self._news.wait_for(lambda: self._waiting or self._closed, _QUIET_S):
+                    if self._condition.wait_for(lambda: self._waiting or self._closed, _QUIET_S):
                         break
             if not loaded:
                 # The garbage collector need not visit everything that has been loaded.
