@@ -32,7 +32,7 @@ _CHANGE, _CHANGE_DAMPING = 1e-3, 2e-2
 
 
 #: Least impacts that a fit is made from, and least flights from stop to stop.
-LEAST_IMPACTS, _LEAST_CROSSINGS = 6, 4
+LEAST_IMPACTS, _LEAST_TRANSITS = 6, 4
 
 
 class UnfitRecordError(Exception):
@@ -174,10 +174,10 @@ def first_course(
     jumps = jumps_between(record, vibration, edges, measured)
     check_impacts(len(jumps.time))
     stops = np.where(jumps.jump >= 0.0, 1, -1)
-    if (crossings := int((np.diff(stops) != 0).sum())) < _LEAST_CROSSINGS:
+    if (transits := int((np.diff(stops) != 0).sum())) < _LEAST_TRANSITS:
         raise UnfitRecordError(
-            f'{crossings} flights from one stop to the other were found in the record, and the '
-            f'gap shows in {_LEAST_CROSSINGS} at least: shake harder, or record for longer'
+            f'{transits} flights from one stop to the other were found in the record, and the '
+            f'gap shows in {_LEAST_TRANSITS} at least: shake harder, or record for longer'
         )
     rate = float(np.sqrt(stiffness / rig.primary_mass))
     alphas, grip, gap = regress(unknowns, jumps, stops, rate)

@@ -28,20 +28,20 @@ def regress(
     span = np.diff(jumps.time)
     direction = -stops[:-1]
     push = unknowns.slope + direction * unknowns.air
-    crossing = stops[1:] != stops[:-1]
+    transit = stops[1:] != stops[:-1]
     z = jumps.velocity[:-1] - ratio * jumps.jump[:-1]
     laws = flight_regressors(jumps.time, jumps.jump, stops, direction)
     size = 2 if unknowns.separate else 1
     at_stop = [stops == 1, stops == -1] if unknowns.separate else [np.ones(len(stops), bool)]
     alphas = [laws[..., 0] * own[:-1, None] + laws[..., 1] * own[1:, None] for own in at_stop]
     columns = np.stack([*alphas, laws[..., 2], laws[..., 3]], axis=-1)
-    matrix = np.vstack([columns[:, 0], rate * columns[:, 1]])[np.tile(crossing, 2)]
+    matrix = np.vstack([columns[:, 0], rate * columns[:, 1]])[np.tile(transit, 2)]
     wanted = -np.concatenate(
         [
             z + push * span - jumps.velocity[1:],
             rate * (z * span + 0.5 * push * span**2 - np.diff(jumps.x)),
         ]
-    )[np.tile(crossing, 2)]
+    )[np.tile(transit, 2)]
     if not unknowns.normal > 0.0:
         matrix[:, size] = 0.0  # so that least squares give no friction
     weight = np.ones(len(wanted))

@@ -1,13 +1,24 @@
-"""Functions are verbs or nouns, no bare participles; a public name stands for one thing."""
+"""Functions are verbs or nouns, no bare participles; a name stands for one thing, a word too."""
 
 import ast
 import re
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
+
+import pytest
 
 import impact_damper_ros
 
 PACKAGE = Path(impact_damper_ros.__file__).parent
+CONTRIBUTING = (Path(__file__).parents[2] / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+NAMES = CONTRIBUTING[CONTRIBUTING.index('### Names') : CONTRIBUTING.index('### Words')]
+#: Words of names, and the places of those that stand in some places only.
+WORDS = {
+    word: places
+    for word, places in re.findall(r'^\| (\w+) \|.*\| ?([^|]*?) ?\|$', NAMES, re.MULTILINE)
+    if word != 'word'
+}
 #: Participles that do not end in -ed; `read`, `cut`, `split` and `put` are verbs, too.
 IRREGULAR = {
     *('begun', 'bought', 'bound', 'built', 'chosen', 'done', 'drawn', 'driven', 'found', 'given'),
@@ -54,3 +65,49 @@ def test_a_public_name_at_module_level_is_that_of_one_thing():
     twice = {name: found for name, found in places.items() if len(found) > 1}
     left = {name: found for name, found in twice.items() if name not in {*TWICE, 'main'}}
     assert left == {}
+
+
+def words_of(name):
+    """Return the words of a name: of `next_act`, `ControlAct`, `NO_ACTS`; a plural is its word."""
+    words = re.findall('[A-Z]+(?![a-z])|[A-Z]?[a-z]+', name)
+    return {word.lower().removesuffix('s') for word in words} | {word.lower() for word in words}
+
+
+def all_names(tree):
+    """Yield the names that a module gives: functions, classes, arguments, variables, fields."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.id if isinstance(node, ast.Name) else node.attr
+
+
+@cache
+def names_by_word():
+    """Return the names of the package, each with the files that give it, by the words in them."""
+    found = defaultdict(lambda: defaultdict(set))
+    for path in PACKAGE.rglob('*.py'):
+        for name in {path.stem, *all_names(ast.parse(path.read_text('utf-8')))}:
+            for word in words_of(name):
+                found[word][name].add(path.relative_to(PACKAGE))
+    return found
+
+
+@pytest.mark.parametrize('word', [word for word, places in WORDS.items() if places])
+def test_a_word_of_names_stands_in_its_places(word):
+    places = re.findall('`(.*?)`', WORDS[word])
+    folders = {place.strip('/') for place in places if place.endswith('/')}
+    assert {
+        name: files
+        for name, files in names_by_word()[word].items()
+        if name not in places and {file.parts[0] for file in files} - folders
+    } == {}
+
+
+def test_words_of_names_are_found():
+    assert {'act', 'passage', 'record', 'course', 'push'} <= WORDS.keys()
+    assert WORDS['course'] == '`fit/`'
+    assert {'act', 'no'} <= words_of('NO_ACTS')
+    assert {'control', 'act'} == words_of('ControlAct')
