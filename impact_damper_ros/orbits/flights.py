@@ -19,8 +19,9 @@ from impact_damper_ros.motion.flight import (
     starting_motion,
 )
 from impact_damper_ros.motion.impact import strike
-from impact_damper_ros.motion.kernels import has_numba, pack
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.motion.oscillator import Line
+from impact_damper_ros.motion.records import pack
 from impact_damper_ros.motion.state import (
     REST_1,
     REST_2,
