@@ -78,6 +78,39 @@ def test_the_settled_motion_does_not_determine_them_and_the_start_does(rig):
     assert irregular.standard_deviations.restitution < start.restitution
 
 
+@pytest.mark.parametrize('values', [{}, {'friction': 0.05, 'angle': 0.2, 'restitution_2': 0.8}])
+def test_deviations_are_those_of_a_fit_to_measured_flights(rig, values):
+    """By least squares: speeds to 1 % of the mean approach, places to 1 % of the gap."""
+    there = rig.replace(**values)
+    plan = planned_run(there)
+    cycle = math.tau / there.first_harmonic[1]
+    events = Rig(there).run(100 * cycle).events
+    places = np.flatnonzero(events['kind'] == EventKind.IMPACT)
+    hits, direct = events[places], np.diff(places) == 1
+    assert plan.flights == direct.sum()
+
+    def left(restitution, grip, gap):
+        """Return what the laws of the flights, with other values, leave."""
+        jump = hits['primary_velocity_after'] - hits['primary_velocity_before']
+        stop = np.where(hits['stop'] == 1, 1.0, -1.0)
+        slides = np.sign(hits['damper_velocity_after'] - hits['primary_velocity_after'])[:-1]
+        laws = flight_regressors(hits['time'], jump, stop, slides)[direct]
+        alpha = (1.0 + there.mass_ratio) / (there.mass_ratio * (1.0 + restitution))
+        return laws @ [alpha, alpha, grip, gap]
+
+    mean = 0.5 * (there.restitution_1 + there.restitution_2)
+    normal = there.gravity * math.cos(there.angle)
+    at = np.array([mean, there.friction * normal, there.gap])
+    # Per unit of R, of the coefficient of friction, and of the gap over the gap
+    steps = np.diag([1e-5, 1e-5 * normal, 1e-5 * there.gap])
+    slopes = [(left(*(at + h)) - left(*(at - h))) / 2e-5 for h in steps]
+    speed = np.abs(hits['damper_velocity_before'] - hits['primary_velocity_before'])[1:][direct]
+    errors = [0.01 * speed.mean(), 0.01 * there.gap]
+    matrix = np.stack([(slope / errors).ravel() for slope in slopes], axis=-1)
+    expected = np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
+    assert plan.standard_deviations == pytest.approx(tuple(expected), rel=1e-5)
+
+
 @pytest.mark.parametrize('values', [{'angle': 0.5 * math.pi, 'gravity': 0.5}, {'gravity': 0.0}])
 def test_a_rig_without_a_normal_force_has_no_friction_to_find(values):
     """Restitution and gap are then distinguished, by the settled motion as well."""

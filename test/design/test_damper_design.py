@@ -21,6 +21,7 @@ from impact_damper_ros.design.runs_from_rest import (
     bare_amplitudes,
     from_rest,
     largest_from_rest,
+    settling_cycles,
     widest_hit,
 )
 from impact_damper_ros.design.worst_case import worst_cases
@@ -316,3 +317,21 @@ def test_dampers_side_by_side():
     there = at_level(design.built, levels[k]).with_first_frequency(compared.frequencies[n])
     assert compared.damper[k, n] * levels[k] == pytest.approx(from_rest(there), rel=1e-3)
     assert compared.level_ratios[0] == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('values', 'cycles'),
+    [
+        # 8 time constants of M: 8 / (2 pi zeta) of its cycles
+        ({'damping_ratio': 0.005}, 255),
+        ({'damping_ratio': 0.005, 'base_frequencies': '5 Hz'}, 150),
+        ({'damping_ratio': 0.002, 'base_frequencies': '5 Hz'}, 319),
+        ({'damping_ratio': 0.0001}, 1500),
+        # 45 / (1 - R) impacts, with the mean of both R
+        ({'restitution_1': 0.9, 'restitution_2': 0.6}, 180),
+        ({'restitution_1': 1.0, 'restitution_2': 1.0}, 1500),
+        ({'damping_ratio': 0.0}, 1500),
+    ],
+)
+def test_a_start_is_forgotten_by_the_structure_and_by_its_impacts(values, cycles):
+    assert settling_cycles(structure(**values)) == cycles
