@@ -110,11 +110,13 @@ def test_positions_are_those_in_the_laboratory(tmp_path):
     rig = RecordedRig(rate=1000.0).start().run(500)
     for change in changes:
         rig.run(400, ('change', change))
-    bag = rig.save(tmp_path / 'bag')
-    findings = replayed(bag)
+    reached = []
+    findings = Replay(RecordedRun(rig.save(tmp_path / 'bag'))).run(reached.append)
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
     assert findings.impacts > 50
     assert findings.changes == len(changes)
+    assert reached == sorted(reached)
+    assert {0.5, 0.9, 1.3, 1.7, 2.1} <= {*reached}
     # A tick carries a stretch of a thousandth of a second with it.
     states = [
         decode('sensor_msgs/msg/JointState', rig.messages[place][1])
