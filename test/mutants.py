@@ -6,11 +6,12 @@ one at a time. The tests of the room are imported once, in a copy of the package
 they run in a process forked from there, in which the altered functions have their new code, until
 one fails: first those that run the altered line, the shortest before the others, then the others
 of their files. Where a module has to be imported anew they run in a process of their own. Places
-without a failure are printed. Altered kernels run as plain Python: compiling them anew takes
-longest.
+without a failure are printed. Altered kernels run as plain Python, since compiling them anew takes
+longest; of what is no kernel the tests run as they always do, those of compiled code among them.
 """
 
 import argparse
+import ast
 import contextlib
 import difflib
 import gc
@@ -51,7 +52,7 @@ OPERATORS = {
     'core/ReplaceUnaryOperator_Delete_Not',
     'core/ReplaceUnaryOperator_Delete_USub',
 }
-#: In the copy: as if numba were not installed.
+#: Where kernels are altered: as if numba were not installed.
 PLAIN = """
 import importlib.metadata as metadata, sys
 installed = metadata.version
@@ -235,9 +236,24 @@ class Course:
         return True
 
 
+def alters_kernel(mutant) -> bool:
+    """Return whether a place is in a kernel, or in a constant beside kernels."""
+    text = mutant.module_path.read_text()
+    (part,) = (
+        node
+        for node in ast.parse(text).body
+        if min([node.lineno, *(d.lineno for d in getattr(node, 'decorator_list', ()))])
+        <= mutant.start_pos[0]
+        <= node.end_lineno
+    )
+    if isinstance(part, ast.FunctionDef):
+        return any('kernel' in ast.unparse(one) for one in part.decorator_list)
+    return not isinstance(part, ast.ClassDef) and '@kernel' in text
+
+
 def drawn(room: Path, count: int, seed: int) -> tuple[list, int]:
     """Return a draw of places where an operator can be altered, and how many there are."""
-    with use_db(str(room / 'mutants.sqlite'), WorkDB.Mode.create) as work:
+    with use_db(str(room / f'{os.environ["MUTANTS"]}.sqlite'), WorkDB.Mode.create) as work:
         init(sorted(find_modules([room])), work, {})
         items = [item.mutations[0] for item in work.work_items]
     items = [item for item in items if item.operator_name in OPERATORS]
@@ -262,19 +278,29 @@ def main() -> int:
                 shutil.copytree(ROOT / name, Path(folder, name), ignore=left_out)
             for path in filter(Path.is_file, ROOT.iterdir()):
                 shutil.copy(path, folder)
-            room = Path(folder, 'impact_damper_ros', given.room)
-            if any('@kernel' in path.read_text() for path in room.glob('*.py')):
-                Path(folder, 'sitecustomize.py').write_text(PLAIN)
-            environment = {**os.environ, 'PYTHONPATH': folder, 'MUTANTS': '1'}
-            environment.pop('_ROS_WHEELS_BOOTSTRAP_COMPLETE', None)
-            words = [sys.executable, f'{folder}/test/mutants.py', *sys.argv[1:]]
-            return subprocess.run(words, cwd=folder, env=environment, check=False).returncode
+            plain = Path(folder, 'plain')
+            plain.mkdir()
+            (plain / 'sitecustomize.py').write_text(PLAIN)
+            counts = []
+            for kind, path in (('compiled', folder), ('plain', f'{folder}{os.pathsep}{plain}')):
+                environment = {**os.environ, 'PYTHONPATH': path, 'MUTANTS': kind}
+                environment.pop('_ROS_WHEELS_BOOTSTRAP_COMPLETE', None)
+                words = [sys.executable, f'{folder}/test/mutants.py', *sys.argv[1:]]
+                subprocess.run(words, cwd=folder, env=environment, check=True)
+                counts.append(json.loads(Path(folder, 'counts.json').read_text()))
+            noticed, tried, places = zip(*counts, strict=True)
+            print(f'{given.room}: {sum(noticed)} of {sum(tried)} are noticed ({places[0]} places)')
+            return 0
     tests = given.tests or [f'test/{given.room}']
     mutants, places = drawn(ROOT / 'impact_damper_ros' / given.room, given.count, given.seed)
+    plain = os.environ['MUTANTS'] == 'plain'
+    mutants = [mutant for mutant in mutants if alters_kernel(mutant) is plain]
     course = Course(ROOT, mutants, tests, given.timeout)
     options = ['-q', '-s', '-p', 'no:cacheprovider', '--basetemp', str(ROOT / 'scratch')]
-    pytest.main([*options, *tests], plugins=[course])
-    print(f'{given.room}: {course.noticed} of {len(mutants)} are noticed ({places} places)')
+    if mutants:
+        pytest.main([*options, *tests], plugins=[course])
+    counts = [course.noticed, len(mutants), places]
+    (ROOT / 'counts.json').write_text(json.dumps(counts))
     return 0
 
 

@@ -125,7 +125,7 @@ def test_what_is_kept_is_loaded_without_numba():
         words = [sys.executable, '-c', KEPT.replace('{more}', str(more))]
         return subprocess.check_output(words, text=True, cwd=ROOT).splitlines()
 
-    lines(more=True)
+    lines(more=False)
     modules, result = lines(more=False)
     assert modules == "['numba._dynfunc', 'numba._helperlib']"
     assert lines(more=True) == [modules, 'True', result]
