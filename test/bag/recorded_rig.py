@@ -341,11 +341,11 @@ def random_switch(rng):
     return [rng.choice(choices) for _ in range(rng.choice([1, 1, 2, 3]))]
 
 
-def requested_run(seed, requests=random_switch, **options):
-    """Return a run with seeded batches of requests."""
+def requested_run(seed, requests=random_switch, ticks=400, **options):
+    """Return a run of so many samples, or some more, with seeded batches of requests."""
     rng = random.Random(seed)
     rig = RecordedRig(offset=rng.choice([0, samples.START]), **options).start()
-    while rig.tick < 400:
+    while rig.tick < ticks:
         rig.run(rng.randrange(5, 80), *requests(rng))
     return rig
 

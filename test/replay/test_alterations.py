@@ -34,7 +34,7 @@ NOTICED = ReplayVerdict.DIFFERENT, ReplayVerdict.PARTIAL
 KINDS = {
     'requests': lambda: random_run(3, 120),
     'excitation': lambda: requested_run(5, random_excitation),
-    'control': lambda: requested_run(3, control=CONTROL),
+    'control': lambda: requested_run(3, ticks=150, control=CONTROL),
     'orders': lambda: ordered_run(1),
 }
 #: Topics whose numbers a replay compares
@@ -118,14 +118,18 @@ def test_recorded_otherwise(tmp_path):
         assert findings.unchecked == ('/diagnostics', '/parameter_events')
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_nothing_is_doubted_in_random_histories(tmp_path, seed):
-    for name, rig in (
-        ('requests', random_run(seed + 30, 1500)),
-        ('quiet', RecordedRig().start().run(1200).run(1200, ('change', {'gap': 0.012}))),
-    ):
-        comparison = compare_bag(rig.save(tmp_path / name))
-        assert comparison.faults == ()
-        for stretch in comparison.stretches:
-            assert stretch.verdict is not Verdict.DIFFERS, stretch.sentence
-            assert stretch.log is LogVerdict.REPRODUCED
+UNALTERED = {
+    'requests': lambda: random_run(30, 1000),
+    'others': lambda: random_run(31, 1000),
+    'quiet': lambda: RecordedRig().start().run(1200).run(1200, ('change', {'gap': 0.012})),
+}
+
+
+@pytest.mark.parametrize('name', UNALTERED)
+def test_nothing_is_doubted(tmp_path, name):
+    comparison = compare_bag(UNALTERED[name]().save(tmp_path / 'bag'))
+    assert comparison.faults == ()
+    assert len(comparison.stretches) > 1
+    for stretch in comparison.stretches:
+        assert stretch.verdict is not Verdict.DIFFERS, stretch.sentence
+        assert stretch.log is LogVerdict.REPRODUCED
