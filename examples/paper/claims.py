@@ -178,7 +178,7 @@ def simulation_claim(found: Found) -> Claim:
                 if known:
                     apart.append(abs(ratio(motion)[0] / ratio(known[0])[0] - 1.0))
                     continue
-                alike = any(any(motion.rhythm.turned_to(stops)) for stops in followed)
+                alike = any(motion.rhythm.shifts(stops) for stops in followed)
                 if motion.rhythm.cycles == 1 and alike:
                     lost.append(f'{name} at {value:g}')
                 solved = motion.orbit

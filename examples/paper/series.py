@@ -126,7 +126,7 @@ def branches_along(
     known: list[Branch] = []
     for value in starts:
         for stops in sequences:
-            alike = [branch for branch in known if any(branch.orbits[0].turned_to(stops))]
+            alike = [branch for branch in known if branch.orbits[0].shifts(stops)]
             there = [orbit for branch in alike for orbit in branch.at([value])[0]]
             for orbit in find_orbits(rig(value), stops, simulate=simulate).orbits:
                 if orbit.viable and min(map(orbit.distance, there), default=1.0) > SAME:

@@ -357,6 +357,7 @@ def _without_collection() -> Iterator[None]:
 
 #: Kernels compiled or loaded in this process, and the groups whose compilation was reported.
 _ENTRIES: dict[tuple[str, str], Any] = {}
+_BUSY: dict[tuple[str, str], threading.Lock] = {}
 _REPORTED: set[str] = set()
 
 
@@ -432,8 +433,16 @@ def compiled_kernel(
     compiled, and `what` it belongs to is reported.
     """
     key = name, form
-    if key in _ENTRIES:
-        return _ENTRIES[key]
+    if key not in _ENTRIES:
+        # Threads that need the same one wait for it; one that another needs may take long.
+        with _BUSY.setdefault(key, threading.Lock()):
+            if key not in _ENTRIES:
+                _ENTRIES[key] = _load_or_compile(name, arguments, what)
+    return _ENTRIES[key]
+
+
+def _load_or_compile(name: str, arguments: Sequence[Any], what: str) -> Any:
+    """Return a compiled kernel as it is kept, or compiled and kept."""
     log, place, entry = logging.getLogger(__package__), directory(), None
     if place is not None:
         kinds = hashlib.sha256(_kind(tuple(arguments)).encode()).hexdigest()[:16]
@@ -456,7 +465,6 @@ def compiled_kernel(
                 'the compiled code cannot be kept (%s): the next process compiles it again',
                 error.strerror or error,
             )
-    _ENTRIES[key] = entry
     return entry
 
 
@@ -469,17 +477,15 @@ def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
 
 
 def on_threads(run: Callable[[T], object], parts: Sequence[T], threads: int | None = None) -> None:
-    """Run kernels on parts of a task in threads, after the first part, which may compile."""
-    for part in parts[:1]:
-        run(part)
-    count = min(threads or len(os.sched_getaffinity(0)), len(parts) - 1)
+    """Run kernels on the parts of a task in threads."""
+    count = min(threads or len(os.sched_getaffinity(0)), len(parts))
     if count < 2:
-        for part in parts[1:]:
+        for part in parts:
             run(part)
         return
     with ThreadPoolExecutor(count) as pool:
         try:
-            for done in [pool.submit(run, part) for part in parts[1:]]:
+            for done in [pool.submit(run, part) for part in parts]:
                 done.result()
         except BaseException:
             pool.shutdown(cancel_futures=True)

@@ -40,7 +40,8 @@ from .closed_flights import (
     write_monodromy,
     write_tangent,
 )
-from .impact_equations import find_starts, set_laws, write_linear_system, write_velocities
+from .impact_equations import set_laws, write_linear_system, write_velocities
+from .start_scan import find_starts
 from .viability import judge
 
 #: What is noted of a solution: its residual, relative to the displacements; the number of free

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
 
@@ -134,22 +134,39 @@ class Rhythm:
 
     def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""
+        if impact == 0 and not self._cycles_before(0):
+            return self
+        names = [name for name in ('stops', *AT_IMPACTS) if hasattr(self, name)]
+        turned = {n: getattr(self, n)[impact:] + getattr(self, n)[:impact] for n in names}
+        return replace(self, phases=self.phases_from(impact), **turned)
+
+    def phases_from(self, impact: int) -> tuple[float, ...]:
+        """Return the phases of the same motion beginning at another of its impacts."""
         whole = self._cycles_before(impact)
-        late = replace(self, phases=tuple((p - whole) % self.cycles for p in self.phases))
-        turned = {
-            n: getattr(late, n) for n in ('stops', 'phases', *AT_IMPACTS) if hasattr(late, n)
-        }
-        return replace(late, **{n: v[impact:] + v[:impact] for n, v in turned.items()})
+        late = self.phases[impact:] + self.phases[:impact]
+        return tuple((phase - whole) % self.cycles for phase in late)
 
     def _cycles_before(self, impact: int) -> int:
         """Return the whole cycles before an impact, which do not matter."""
         return math.floor(self.phases[impact])
 
-    def turned_to(self, stops: tuple[int, ...]) -> Iterator[Self]:
-        """Yield the same motion from each impact from which it has a sequence of stops."""
-        for shift in range(self.impacts):
-            if self.stops[shift:] + self.stops[:shift] == stops:
-                yield self.begun_at(shift)
+    def shifts(self, stops: tuple[int, ...]) -> list[int]:
+        """Return the impacts, by index, from which it has a sequence of stops."""
+        return [i for i in range(self.impacts) if self.stops[i:] + self.stops[:i] == stops]
+
+    def _apart(self, shift: int, other: Rhythm) -> Apart:
+        """Return the distance from another motion, if this one begins at one of its impacts."""
+        size = max(self.x_max, other.x_max) or 1.0
+        phases, x = self.phases_from(shift), self.x[shift:] + self.x[:shift]
+        # A motion that repeats after k cycles may begin in any of them
+        first = phases[0] - other.phases[0]
+        whole = round(first)
+        differ = [abs(first - whole)]
+        for a, b in zip(phases[1:], other.phases[1:], strict=True):
+            late = a - b - whole
+            differ.append(abs(late - self.cycles * round(late / self.cycles)))
+        away = max(abs(a - b) for a, b in zip(x, other.x, strict=True))
+        return Apart(max(differ), away / size)
 
     def nearest_turn(self, other: Rhythm) -> tuple[Self, Apart] | None:
         """
@@ -158,10 +175,13 @@ class Rhythm:
         Of several impacts that match the stops, the one with the least distance; None if stops or
         period differ.
         """
-        if self.cycles != other.cycles or self.impacts != other.impacts:
+        if self.cycles != other.cycles:
             return None
-        turns = [(turn, _apart(turn, other)) for turn in self.turned_to(other.stops)]
-        return min(turns, key=lambda pair: max(pair[1]), default=None)
+        shifts = self.shifts(other.stops)
+        if not shifts:
+            return None
+        nearest = min(shifts, key=lambda shift: max(self._apart(shift, other)))
+        return self.begun_at(nearest), self._apart(nearest, other)
 
     def distance(self, other: Rhythm) -> float:
         """
@@ -171,21 +191,13 @@ class Rhythm:
         there, relative to the largest |X|; infinite if stops or period differ. Whole cycles before
         the first impact do not matter.
         """
-        turned = self.nearest_turn(other)
-        return math.inf if turned is None else max(turned[1])
+        shifts = self.shifts(other.stops) if self.cycles == other.cycles else []
+        return min((max(self._apart(shift, other)) for shift in shifts), default=math.inf)
 
-
-def _apart(one: Rhythm, other: Rhythm) -> Apart:
-    """Return the distance of two motions with the same stops, impact by impact."""
-    size = max(one.x_max, other.x_max) or 1.0
-    # A motion that repeats after k cycles may begin in any of them
-    first = one.phases[0] - other.phases[0]
-    whole = round(first)
-    phases = [abs(first - whole)]
-    for a, b in zip(one.phases[1:], other.phases[1:], strict=True):
-        late = a - b - whole
-        phases.append(abs(late - one.cycles * round(late / one.cycles)))
-    return Apart(max(phases), max(abs(a - b) for a, b in zip(one.x, other.x, strict=True)) / size)
+    def repeats(self, tolerance: float) -> bool:
+        """Return whether the motion repeats within its period, to a relative tolerance."""
+        later = self.shifts(self.stops)[1:]
+        return any(max(self._apart(shift, self)) < tolerance for shift in later)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,11 +313,14 @@ class PeriodicOrbit(Rhythm):
     def begun_at(self, impact: int) -> Self:
         """Return the same motion beginning at another of its impacts, given by index."""
         whole = self._cycles_before(impact)
+        if impact == 0 and not whole:
+            return self
         events = (e._replace(phase=(e.phase - whole) % self.cycles) for e in self.events)
         return replace(super().begun_at(impact), events=tuple(events))
 
     def _cycles_before(self, impact: int) -> int:
-        return super()._cycles_before(impact) if single_harmonic(self.parameters) else 0
+        whole = super()._cycles_before(impact)
+        return whole if whole and single_harmonic(self.parameters) else 0
 
     def mirror_image(self) -> Self:
         """Return the mirror image of a motion of a symmetric rig, half a cycle later."""
@@ -324,11 +339,6 @@ class PeriodicOrbit(Rhythm):
             **turned,
         )
         return image.begun_at(0)
-
-    def repeats(self, tolerance: float) -> bool:
-        """Return whether the motion repeats within its period, to a relative tolerance."""
-        later = list(self.turned_to(self.stops))[1:]
-        return any(max(_apart(turn, self)) < tolerance for turn in later)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the orbit for JSON; multipliers as pairs of real and imaginary part."""

@@ -152,7 +152,9 @@ def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | 
 
     If several orders match, the one whose first impact is earliest in the cycle of the force.
     """
-    return min(orbit.turned_to(stops), key=lambda orbit: orbit.phases[0], default=None)
+    shifts = orbit.shifts(stops)
+    first = min(shifts, key=lambda shift: orbit.phases_from(shift)[0], default=None)
+    return None if first is None else orbit.begun_at(first)
 
 
 def _distinct(

@@ -419,8 +419,9 @@ class _SettlingRig:
 
 def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
     """Return exponent and largest multiplier of a period; the one before gives the uncertainty."""
-    ends = np.unique([max(along.end - span, along.start), along.end])[-2:]
-    products = monodromy_of(along, ends if ends[0] > along.start else ends[-1:])
+    before = along.end - span
+    ends = [before, along.end] if before > along.start else [along.end]
+    products = monodromy_of(along, np.array(ends))
     moduli = [abs(multipliers_of(product)[0]) for product in products]
     rates = [math.log(modulus) / span if modulus else -math.inf for modulus in moduli]
     spread = abs(rates[-1] - rates[0]) if all(map(math.isfinite, rates)) else 0.0

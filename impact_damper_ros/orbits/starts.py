@@ -14,9 +14,9 @@ from .arclength import FIND_STARTS, LINEAR_SYSTEM
 from .arguments import OrbitError, check_forcing, check_stops
 from .closed_flights import BEST_DERIVATIVE
 from .flights import machine_of
-from .impact_equations import REACHED
 from .periodic_problem import PeriodicProblem, Solution, impact_nodes
 from .response import Array
+from .variable_projection import REACHED
 
 
 class ImpactEquations:

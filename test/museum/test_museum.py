@@ -29,8 +29,8 @@ BAGS = [path for version in VERSIONS for path in sorted(version.glob('bags/*')) 
 CLOSE = 1e-6
 #: What replay_run says of each where it was made; of all others, identical
 VERDICTS = {'cut': 'partial', **dict.fromkeys(make.ELSEWHERE, 'within_round_off')}
-#: What is of another version, machine or folder
-OWN = ('bag', 'version', 'remarks')
+#: What is of another version, machine or folder, and how a solver came to its solution
+OWN = ('bag', 'version', 'remarks', 'residual_history')
 
 
 def same_bits(version):
