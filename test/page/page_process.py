@@ -1,6 +1,7 @@
 """The server of the page as a process."""
 
 import contextlib
+import functools
 import re
 import signal
 import sys
@@ -33,8 +34,13 @@ class PageProcess(Running):
         directory.mkdir(exist_ok=True)
         self.recordings = directory / 'runs'
         program = f'{COMMAND}{ELSEWHERE if elsewhere else ""}raise SystemExit(main())'
-        command = [sys.executable, '-c', program, '--port', '0']
-        super().__init__(directory, *command, '--recordings', self.recordings, *arguments)
+        command = [sys.executable, '-c', program, '--recordings', self.recordings, *arguments]
+        self._begin = functools.partial(super().__init__, directory, *command)
+        self.again(0)
+
+    def again(self, port=None):
+        """Start it, at the port that it had before unless another one is given."""
+        self._begin('--port', self.port if port is None else port)
         address = r'http://\S+:(\d+)/\S*'
         found = self.until(lambda: re.search(address, self.output))
         self.address, self.port = found[0], int(found[1])

@@ -8,7 +8,7 @@ import signal
 import numpy as np
 import pytest
 from node.rig_client import LIVELY, RigClient, RigParametersClient, SimProcess
-from running import until
+from running import alive, until
 
 from impact_damper_ros.page.presets import load_presets
 
@@ -198,5 +198,7 @@ def test_ctrl_c_reaches_a_node_that_still_imports_by_the_page_alone(tmp_path):
         assert server.children() == [node]
     finally:
         assert server.close(signal.SIGINT) == 0
+    # The node ends with its page.
+    until(lambda: not alive(node), 'it runs on')
     assert 'Traceback' not in server.output
     assert 'has ended' not in server.output
