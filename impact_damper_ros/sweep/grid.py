@@ -241,11 +241,14 @@ class RigSetup(NamedTuple):
             else:
                 changed = control if name in GAP_CONTROL_SPECS else rig
                 changed[name] = int(value) if kind == 'integer' else value
-        return self._replace(
-            parameters=self.parameters.replace(**rig),
-            initial=InitialConditions(**{**self.initial.as_dict(), **start}),
-            control=self.control.replace(**control),
-        )
+        parts: dict[str, Any] = {}
+        if rig:
+            parts['parameters'] = self.parameters.replace(**rig)
+        if start:
+            parts['initial'] = InitialConditions(**{**self.initial.as_dict(), **start})
+        if control:
+            parts['control'] = self.control.replace(**control)
+        return self._replace(**parts)
 
 
 @dataclass(frozen=True, init=False)
