@@ -17,8 +17,7 @@ import queue
 import signal
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import (
     BrokenExecutor,
     CancelledError,
@@ -128,41 +127,28 @@ class WorkersError(RuntimeError):
 
 
 class Task(NamedTuple):
-    """Rigs that one worker runs one after another."""
+    """A rig that a worker runs."""
 
     version: str  # of the package that planned it
     setup: RigSetup
-    rigs: tuple[tuple[int, dict[Varied, float]], ...]  # number and settings of each rig
-    follow: bool  # whether each starts from the last state of the one before
-    state: State | None  # from which the first one starts then
+    settings: dict[Varied, float]
+    follow: bool  # whether another rig starts from its last state
+    state: State | None  # from which it starts itself
 
 
-#: A worker returns the rows of its task after this time, s.
-_SECONDS = 0.5
-#: Rows of some rigs, and the state to follow.
-Rows = tuple[list[tuple[int, Row]], State | None]
-RunTask = Callable[[Task], Rows]
+#: The columns of a rig, and the state from which the next one starts.
+RunTask = Callable[[Task], tuple[Row, State | None]]
 
 
-def run_task(task: Task, halted: Callable[[], bool] = _never) -> Rows:
-    """Run rigs until all are done, the time is up, or they are halted."""
+def run_task(task: Task, halted: Callable[[], bool] = _never) -> tuple[Row, State | None]:
+    """Run the rig of a task; one that fails leaves the state to the next one."""
     if task.version != impact_damper_ros.__version__:
         raise WorkersError(
             f'a worker has version {impact_damper_ros.__version__} of impact_damper_ros, the '
             f'sweep is of version {task.version}: install the same version everywhere'
         )
-    until = time.monotonic() + _SECONDS
-    state, rows = task.state, []
-    for point, settings in task.rigs:
-        row, last = rig_row(task.setup, settings, state, halted)
-        if halted():
-            break
-        rows.append((point, row))
-        if task.follow and last is not None:
-            state = last.snapshot()
-        if time.monotonic() >= until:
-            break
-    return rows, state
+    row, rig = rig_row(task.setup, task.settings, task.state, halted)
+    return row, rig.snapshot() if task.follow and rig is not None else task.state
 
 
 #: Most threads or processes.
@@ -221,22 +207,10 @@ def _workers(grid: Grid, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
             raise
 
 
-#: Most rigs of a task, fewest tasks of independent rigs, and most tasks under way.
-_PACK, _TASKS, _UNDER_WAY = 16, 64, 512
+#: Most rigs under way.
+_UNDER_WAY = 512
 #: Period in which a sweep reports its progress while its workers are silent, s.
 _BEAT = 5.0
-
-
-def _tasks(grid: Grid, part: PartFile) -> Iterator[Task]:
-    """Yield the rigs that are not done: those of each chain, or some independent ones."""
-    follow = grid.follow != 'none'
-    size = min(_PACK, 1 + grid.size // _TASKS)
-    packs = (range(k, min(k + size, grid.size)) for k in range(0, grid.size, size))
-    for chain in grid.chains() if follow else packs:
-        left, state = part.left_of(chain)
-        rigs = tuple((row, grid.settings(grid.values(row))) for row in left)
-        if rigs:
-            yield Task(impact_damper_ros.__version__, grid.setup, rigs, follow, state)
 
 
 def _run(
@@ -247,26 +221,29 @@ def _run(
     run: RunTask | None = None,
 ) -> None:
     """Run all rigs that are not done; here, if there is no executor."""
-    run, tasks = run or run_task, _tasks(grid, part)
-    under_way: dict[Future[Any], Task] = {}
+    run, follow = run or run_task, grid.follow != 'none'
+    chains = grid.chains() if follow else (range(k, k + 1) for k in range(grid.size))
+    waiting = (left for left in map(part.left_of, chains) if left[0])
+    under_way: dict[Future[Any], Sequence[int]] = {}
     finished: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
     most = 1 if executor is None else _UNDER_WAY
     progress(len(part.rows))
 
-    def hand_out(task: Task) -> None:
-        some = task._replace(rigs=task.rigs[:_PACK])
+    def hand_out(left: Sequence[int], state: State | None) -> None:
+        settings = grid.settings(grid.values(left[0]))
+        task = Task(impact_damper_ros.__version__, grid.setup, settings, follow, state)
         if executor is None:
             future: Future[Any] = Future()
-            future.set_result(run(some))
+            future.set_result(run(task))
         else:
-            future = executor.submit(run, some)
-        under_way[future] = task
+            future = executor.submit(run, task)
+        under_way[future] = left
         future.add_done_callback(finished.put)
 
     try:
         while True:
-            while len(under_way) < most and (next_one := next(tasks, None)) is not None:
-                hand_out(next_one)
+            while len(under_way) < most and (chain := next(waiting, None)) is not None:
+                hand_out(*chain)
             if not under_way:
                 return
             try:
@@ -274,12 +251,12 @@ def _run(
             except queue.Empty:
                 progress(len(part.rows))
                 continue
-            task = under_way.pop(future)
-            rows, state = future.result()
-            part.add(rows, state)
+            left = under_way.pop(future)
+            row, state = future.result()
+            part.add([(left[0], row)], state)
             progress(len(part.rows))
-            if left := task.rigs[len(rows) :]:
-                hand_out(task._replace(rigs=left, state=state))
+            if left[1:]:
+                hand_out(left[1:], state)
     except CancelledError as error:
         raise WorkersError('the work was cancelled: has the scheduler ended?') from error
     except BrokenExecutor as error:

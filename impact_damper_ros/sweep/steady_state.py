@@ -37,7 +37,7 @@ from impact_damper_ros.rig.snapshot import LATEST
 from impact_damper_ros.rig.strobe import CYCLES_OF_A_LOOK
 
 Array = NDArray[np.float64]
-#: The columns of one rig, for JSON.
+#: The columns of one rig: values for JSON, and arrays.
 Row = dict[str, Any]
 #: Columns of X, X', Y and Y' at the ends of cycles.
 SECTION = ('section_x', 'section_velocity', 'section_offset', 'section_relative_velocity')
@@ -137,7 +137,7 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     # With other harmonics A is not the amplitude without impacts
     ratio = parameters.x_max_ratio(largest) if parameters.periodic_force else math.nan
     spent = result.time_in_mode / (end - found.end)
-    section = relative_states(result.samples[-kept:]).T.tolist()
+    section = relative_states(result.samples[-kept:]).T.copy()
     return {
         'ok': True,
         'reason': None,
@@ -163,9 +163,9 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'chatter_share': call_kernel(chatter_time, around, found.end, end) / (end - found.end),
         'events': found.event_count + result.event_count,
         **dict(zip(SECTION, section, strict=True)),
-        'impact_stop': hits['stop'].tolist(),
-        'impact_phase': ((hits['time'] - found.start) / cycle % 1.0).tolist(),
-        'impact_speed': np.abs(approach).tolist(),
+        'impact_stop': hits['stop'].astype(np.int8),
+        'impact_phase': (hits['time'] - found.start) / cycle % 1.0,
+        'impact_speed': np.abs(approach),
     }
 
 

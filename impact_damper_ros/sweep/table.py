@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from impact_damper_ros.outputs import whole
 from impact_damper_ros.parameters.quoting import quote
@@ -230,7 +230,7 @@ def _describe(table: pd.DataFrame, grid: Grid) -> pd.DataFrame:
     return table
 
 
-def _array(kind: Kind, values: list[float] | None) -> Array | None:
+def _array(kind: Kind, values: ArrayLike | None) -> Array | None:
     return None if values is None else np.array(values, 'i1' if kind == 'integers' else 'f8')
 
 

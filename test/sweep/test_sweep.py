@@ -23,7 +23,6 @@ from impact_damper_ros.sweep import (
     MetadataError,
     Settling,
     WorkersError,
-    execution,
     grid as grid_module,
     read_table,
     sweep,
@@ -74,12 +73,6 @@ GRIDS = pytest.mark.parametrize(
 )
 
 
-@pytest.fixture
-def brief_tasks(monkeypatch):
-    """Let tasks return after a rig."""
-    monkeypatch.setattr(execution, '_SECONDS', 0.0)
-
-
 class Shuffled(ThreadPoolExecutor):
     """An executor that finishes in an order of its own."""
 
@@ -91,7 +84,6 @@ class Shuffled(ThreadPoolExecutor):
 
 
 @GRIDS
-@pytest.mark.usefixtures('brief_tasks')
 def test_table_does_not_depend_on_who_runs_it(grid, tmp_path):
     sweep(grid, tmp_path / 'alone.parquet')
     with Shuffled(3) as shuffled:
@@ -104,7 +96,6 @@ def test_table_does_not_depend_on_who_runs_it(grid, tmp_path):
 
 
 @GRIDS
-@pytest.mark.usefixtures('brief_tasks')
 def test_interrupted_sweeps_resume_where_they_were(grid, tmp_path):
     whole = sweep(grid)
     path = tmp_path / 'cut.parquet'
