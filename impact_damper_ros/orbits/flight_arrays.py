@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.event import EVENT_TYPE, SAMPLE_TYPE, EventKind
+from impact_damper_ros.motion.event import EVENT_TYPE, EventKind
 from impact_damper_ros.motion.kernels import call_kernel
 from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.parameter_spec import check_kind
@@ -28,6 +28,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, one_table
 from impact_damper_ros.rig.runaway import RunawayError
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .flight_integrals import (
     FLIGHT_ACTIVE,
@@ -77,8 +78,14 @@ def rows_of_samples(samples: NDArray[np.void]) -> Events:
 
 def row_of_rig(rig: Rig) -> Events:
     """Return the present state of a rig as a row, with its mode and the stop hit last."""
-    row = rows_of_samples(np.array([rig.sample()], SAMPLE_TYPE))
-    row['mode'], row['stop'] = rig.mode, rig.state().run.last_stop
+    return _row_of(rig, rig.state())
+
+
+def _row_of(rig: Rig, state: Snapshot) -> Events:
+    here, row = rig.sample(), np.empty(1, EVENT_TYPE)
+    velocity, damper, stop = here.primary_velocity, here.damper_velocity, state.run.last_stop
+    speeds = velocity, velocity, damper, damper
+    row[0] = (here.time, here.x, here.z - here.x, *speeds, 0.0, STATE, stop, state.run.mode)
     return row
 
 
@@ -225,9 +232,10 @@ class Flights:
                 angle = drive.angles[0] + np.append(0.0, turned)
             else:
                 angle = drive.angles[0] + drive.frequencies[0] * (rows['time'] - drive.time)
-        pushed = rows['kind'] == EventKind.FORCE_STEP
-        latest = _last_known(pushed, np.arange(len(rows)))
-        force = np.where(np.cumsum(pushed) > 0, rows['impulse'][latest], active)
+        pushed, force = rows['kind'] == EventKind.FORCE_STEP, np.full(len(rows), active)
+        if pushed.any():
+            latest = _last_known(pushed, np.arange(len(rows)))
+            force = np.where(np.cumsum(pushed) > 0, rows['impulse'][latest], active)
         return cls(rig, rows, drive, _together(rows), stop, first, angle, force)
 
     @classmethod
@@ -550,7 +558,7 @@ class FlightStart(NamedTuple):
         """Return the present state of a rig."""
         state = rig.state()
         drive = Drive(state.run.time, tuple(state.angles), rig.parameters.harmonics[1])
-        return cls(row_of_rig(rig), drive, state.run.force)
+        return cls(_row_of(rig, state), drive, state.run.force)
 
     def flights(self, rig: Rig, events: Events) -> Flights:
         """Return the flights to the present state of the rig, given all events on the way."""

@@ -17,7 +17,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, one_table, rows_where
 
-from .flight_arrays import Drive, Flights, row_of_rig, rows_of_samples
+from .flight_arrays import Drive, Flights, FlightStart, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
 from .lyapunov import Deviations, Exponent, growth_exponent, monodromy_of
 from .multipliers import multipliers_of
@@ -307,7 +307,7 @@ class _SettlingRig:
     def run(self, cycles: int) -> bool:
         """Run for some cycles; return whether that was possible."""
         rig, begun = self.rig, self.time
-        first, active = row_of_rig(rig), rig.state().run.force
+        first, _, active = FlightStart.of(rig)
         # One rounding, so that the steps do not drift
         counts = self.cycles + np.arange(cycles)[:, None] + np.array([self._quiet, 1.0])
         instants = self.start + counts.ravel() * self.cycle
