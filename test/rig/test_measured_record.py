@@ -244,6 +244,21 @@ def test_records_beside_each_other_and_orders():
     assert sample.x - sample.base == pytest.approx(pushed.sample().x, rel=1e-12)
 
 
+def test_the_event_of_an_order_counts_from_a_fixed_place():
+    """Not from the base, which a record carries along."""
+    external = GapControlParameters(gap_control='external', gap_min=1e-3)
+    rig = Rig(BENCH.replace(gap=1.0), MOVING, control=external, records=[noise('base')])
+    rig.advance(0.73)
+    sample = rig.sample()
+    assert min(abs(sample.base), abs(sample.base_velocity)) > 1e-3
+    (step,) = rig.order(Order(force=2.0))
+    assert (step.time, step.x, step.y) == (0.73, sample.x, pytest.approx(sample.z - sample.x))
+    for name in ('primary', 'damper'):
+        for side in ('before', 'after'):
+            speed = getattr(sample, f'{name}_velocity')
+            assert getattr(step, f'{name}_velocity_{side}') == pytest.approx(speed, rel=1e-12)
+
+
 @pytest.mark.parametrize('quantity', ['force', 'base'])
 def test_a_snapshot_has_a_copy_of_the_record(quantity):
     """A rig goes on from JSON to the last bit: in the middle of a sample, at a step, after all."""

@@ -4,7 +4,15 @@ import math
 
 import pytest
 
-from impact_damper_ros import Action, EventKind, GapControlParameters, Order, Rig, RigParameters
+from impact_damper_ros import (
+    Action,
+    EventKind,
+    GapControlParameters,
+    Order,
+    ParameterError,
+    Rig,
+    RigParameters,
+)
 
 FREE = RigParameters(gravity=0.0, gap=1000.0, force_amplitudes=(0.0,))
 EXTERNAL = GapControlParameters(
@@ -104,3 +112,24 @@ def test_a_speed_of_its_own_is_paid_for(limit):
     rig.order(Order(stop_1=400.0, speed_1=2.0))
     rig.advance(10.0)
     assert rig.energies == (0.5 * 0.5 * 2.0**2, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('order', 'beyond', 'name'),
+    [
+        (Order(speed_1=1e-6), Order(speed_1=0.9e-6), 'speed_1'),
+        (Order(speed_2=1e9), Order(speed_2=1.1e9), 'speed_2'),
+        (Order(force=1e12), Order(force=1.1e12), 'force'),
+        (Order(force=-1e12), Order(force=-1.1e12), 'force'),
+        (Order(stop_1=1000.0), Order(stop_1=1000.1), 'stop_1'),
+        (Order(stop_2=-1000.0), Order(stop_2=-1000.1), 'stop_2'),
+        (Order(stop_1=2.0, stop_2=0.0), Order(stop_1=1.9, stop_2=0.0), 'stop_1'),
+    ],
+)
+def test_the_ends_of_ranges_are_allowed(order, beyond, name):
+    """Those of places are half of gap_max, and gap_min from stop to stop."""
+    rig = Rig(FREE, control=EXTERNAL.replace(gap_min=2.0, gap_max=2000.0))
+    rig.order(order)
+    assert order.stops is name.startswith('stop')
+    with pytest.raises(ParameterError, match=f'^{name}'):
+        rig.order(beyond)

@@ -9,7 +9,13 @@ from motion.random_rigs import rows, without_mode
 from rigs import TABLE
 
 from impact_damper_ros import EventKind, InitialConditions, Outcome, Rig, RigParameters
-from impact_damper_ros.rig.stepped_sine import SteppedSine, rig_at, step_count, stepped_sine
+from impact_damper_ros.rig.stepped_sine import (
+    FirstAngle,
+    SteppedSine,
+    rig_at,
+    step_count,
+    stepped_sine,
+)
 
 STEP = EventKind.FREQUENCY_STEP
 SWEPT = RigParameters(
@@ -55,6 +61,52 @@ def test_a_whole_number_of_steps_ends_with_the_last():
     assert step_count(rig) == 100
     assert frequency_after(rig, 100) == 1.5
     assert step_count(rig.replace(sweep_step=7.0)) == 1
+
+
+def test_a_notch_is_a_power_of_the_frequency_between_its_points():
+    """And constant below the first and above the last one."""
+    notch = {'sweep_notch_frequencies': [0.9, 1.0, 1.2], 'sweep_notch_factors': [1.0, 0.2, 0.6]}
+    rig = SWEPT.replace(sweep_step=0.05, force_amplitudes=3.0, **notch)
+    found = {
+        frequency_after(rig, k): rig_at(rig, k).force_amplitudes[0] / 3.0
+        for k in range(step_count(rig) + 1)
+    }
+    assert len(found) == 11
+    for frequency, factor in found.items():
+        if frequency < 1.0:
+            share = math.log(max(frequency, 0.9) / 0.9) / math.log(1.0 / 0.9)
+            expected = 0.2**share
+        else:
+            share = math.log(min(frequency, 1.2)) / math.log(1.2)
+            expected = 0.2 * 3.0**share
+        assert factor == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_first_angle_goes_on_through_a_step():
+    rig = RigParameters(force_frequencies=0.5 * math.tau)
+    angle = FirstAngle.of(rig, 2.0, 0.25 * math.tau)
+    assert angle.at(5.0) == pytest.approx(0.25 + 3.0 * 0.5)
+    later = angle.after_step(5.0, rig.replace(force_frequencies=2.0 * math.tau))
+    assert (later.at(5.0), later.at(5.5)) == pytest.approx((angle.at(5.0), angle.at(5.0) + 1.0))
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'start': 0.1}, r'sweep.step is 2, from 0.3\d* s to 0.3\d* s: it must be the one at'),
+        ({'step': 3}, 'sweep.due is 0.3'),
+        ({'due': 40.0}, r'sweep.due is 40.0 s: it must be at most'),
+        ({'due': 0.2}, r'sweep.step is 2, from 0.2 s to 0.2 s: it must be the one at time'),
+    ],
+)
+def test_a_snapshot_has_the_step_of_its_instant(values, words):
+    rig = Rig(SWEPT)
+    rig.advance(0.25)
+    held = rig.snapshot()
+    assert (held['sweep']['step'], held['sweep']['due']) == (2, pytest.approx(0.3))
+    Rig.restore(held)
+    with pytest.raises(ValueError, match=words):
+        Rig.restore({**held, 'sweep': {**held['sweep'], **values}})
 
 
 @pytest.mark.parametrize('start', [0.0, 1e6 / 3])
