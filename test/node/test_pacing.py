@@ -1,6 +1,8 @@
 """The grid of ticks, and what is made of lateness."""
 
+import ctypes
 import os
+import sys
 import threading
 from fractions import Fraction
 
@@ -12,6 +14,7 @@ from impact_damper_ros.rig.tick_grid import TickGrid
 from node.bench import MadeTime
 
 MS = 1_000_000
+PR_GET_TIMERSLACK = 30
 
 
 class FakeTime(MadeTime):
@@ -134,6 +137,17 @@ def permitted():
         return True
 
     return in_a_thread(probe)
+
+
+@pytest.mark.skipif(sys.platform != 'linux', reason='Linux delays ordinary threads')
+def test_ordinary_threads_wake_when_they_are_due():
+    """By default they may be woken 50 us late."""
+
+    def slack_ns():
+        return ctypes.CDLL(None).prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)
+
+    assert in_a_thread(slack_ns) > 1
+    assert in_a_thread(lambda: (take_priority(0), slack_ns())) == (ORDINARY, 1)
 
 
 def test_a_priority_is_taken_where_it_is_permitted():
