@@ -15,10 +15,13 @@ from impact_damper_ros.cli import set_rig, sim_node
 from impact_damper_ros.cli.command_line import CommandError
 from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 
+#: A rig whose joint states nobody looks at
+SLOW = {**LIVELY, 'state_rate': 10.0}
+
 
 @pytest.fixture(scope='module')
 def node(tmp_path_factory):
-    process = SimProcess(tmp_path_factory.mktemp('node'), ('__ns:=/bench',), **LIVELY)
+    process = SimProcess(tmp_path_factory.mktemp('node'), ('__ns:=/bench',), **SLOW)
     yield process
     process.kill()
 
@@ -167,7 +170,7 @@ def test_no_rig_and_several(node, tmp_path, monkeypatch, capsys):
     assert '/nobody does not answer: does it run?' in capsys.readouterr().err
     for name in ('DISCOVERY_S', 'PATIENCE_S'):
         monkeypatch.setattr(set_rig, name, DEADLINE_S)
-    other = SimProcess(tmp_path / 'other', ('__ns:=/other',), **LIVELY)
+    other = SimProcess(tmp_path / 'other', ('__ns:=/other',), **SLOW)
     try:
         assert set_rig.main(['gap=0.01']) == 2
     finally:

@@ -183,7 +183,7 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(
     arguments = (1.0, 2.0, 0.0, 0.5)
     fine = ['compiling the simulator']
     damaged = [f'the compiled code kept in {tmp_path}/chatter_duration-', *fine]
-    for damage, notices in (
+    cases = [
         (None, fine),
         (None, []),
         (lambda data: data[: len(data) // 2], damaged),
@@ -191,7 +191,9 @@ def test_compiling_and_damage_are_reported_and_loading_is_not(
         (lambda data: bytes(len(data)), damaged),
         (lambda _: b'', damaged),
         (None, []),
-    ):
+    ]
+    # A process for each case that compiles
+    for damage, notices in cases[:3] if elsewhere else cases:
         for kept in tmp_path.iterdir() if damage else ():
             kept.write_bytes(damage(kept.read_bytes()))
         monkeypatch.setattr(kernels, '_ENTRIES', {})
