@@ -210,7 +210,7 @@ def restart_stop(run: Run, stop: int) -> bool:
 
 @kernel(inline=True)
 def strike(moving: Moving, stop: int) -> None:
-    """Resolve and report an impact."""
+    """Resolve an impact of m on a stop: set the velocities after it, and report it."""
     constants, _, run, _, log = moving
     before = run.velocity
     relative_before = run.relative_velocity
