@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The twin: a rig fitted to measured data, and what the data do and do not determine."""
+"""A rig fitted to measured data, with the uncertainty of its parameters."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Flights that contradict all others: by the test of Lagrange multipliers, or by their residuals.
+Flights that contradict all others, by Lagrange multipliers or by their residuals.
 
 They are cut before anything is replayed, since they would spoil the parameters, and with these the
 replay of every other flight.
@@ -24,13 +24,13 @@ _STEPS = 15
 #: Median of the square of a normal variable; residuals of a flight that are too large, in standard
 #: deviations of their sum of squares.
 _MEDIAN, _LARGE = 0.4549, 6.0
-#: Fall of the sum of squares for which a flight is cut before any replay, and how often.
+#: Fall of the sum of squares for which a flight is cut before any replay, and most rounds of cuts.
 _CONTRADICTION, _MOST_RELEASES = 100.0, 6
 
 
 def gains_of(shooting: Shooting, solution: FitSolution) -> Array:
     """
-    Return the misfit of each flight: the larger of what its laws and its residuals add.
+    Return the misfit of each flight: the larger of that of its laws and that of its residuals.
 
     A flight of n samples has n squares, with a deviation of sqrt(2 n).
     """
@@ -60,7 +60,7 @@ def to_release(gains: Array, limit: float) -> dict[int, float]:
 
 
 def _solve(shooting: Shooting) -> FitSolution:
-    """Return the fit of a course, made roughly with soft laws first."""
+    """Return the fit of a course, which begins with soft laws."""
     rough = solve(shooting, shooting.start(), soft=1.0, most=_ROUGH_STEPS, least_gain=_ROUGH)
     return solve(shooting, rough.unknowns, most=_STEPS)
 
@@ -71,7 +71,7 @@ def without_contradictions(
     """
     Fit a course, and cut flights that contradict all others; `softly` at first with soft laws.
 
-    Returns the equations of the course, their solution and what each flight costs.
+    The result is the equations of the course, their solution and the misfit of each flight.
     """
     solution = _solve(shooting) if softly else solve(shooting, shooting.start(), most=_STEPS)
     gains = gains_of(shooting, solution)

@@ -2,9 +2,9 @@
 """
 The course of a motion: its impacts in order, the reversals between them, and which flights count.
 
-A flight leads from one impact to the next. One that does not obey the laws, since m sticks in it
-or an impact was missed, is left out with its data: at its end M and m begin anew, and the course
-is in several parts that share the parameters.
+A flight leads from one impact to the next. A flight that does not obey the laws, since m sticks in
+it or an impact was missed, is left out with its data: at its end M and m begin anew, and the
+course has several parts that share the parameters.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class Course:
     begins : ndarray of bool, shape (n,)
         Whether the motion begins anew there: the flight before it does not count.
     measured : ndarray of int, shape (n,)
-        Index of the measured impact time of each, -1 for none.
+        Index of the measured time of each impact, -1 for none.
     reversals : list of ndarray
-        Instants at which m reverses, of each of the n - 1 flights.
+        Instants at which m reverses, for each of the n - 1 flights.
     held : list of ndarray of bool
         Reversals that keep their instant, since m hardly reverses in them.
     lawless : ndarray of bool, shape (n - 1,)
-        Flights in which only M obeys its laws; none unless it is given.
+        Flights in which only M obeys its laws; none by default.
     """
 
     shared: Array
@@ -90,7 +90,7 @@ class Course:
         self.reversals[flight], self.held[flight] = np.zeros(0), np.zeros(0, bool)
 
     def select(self, keep: Flags) -> Course:
-        """Return the course without some impacts; flights join as the first of them is."""
+        """Return the course without some impacts; joined flights are like the first of them."""
         index = np.flatnonzero(keep)
         begins = self.begins[index].copy()
         begins[0] = True
@@ -111,8 +111,8 @@ class Course:
         """
         Return the course with impacts in one flight.
 
-        `rows` are (time, x, velocity, damper_velocity) of each, `reversals` those of the flights
-        that take the place of the one.
+        `rows` are (time, x, velocity, damper_velocity) of each impact, `reversals` those of the
+        flights that replace the flight.
         """
         count, at = len(rows), after + 1
         return Course(
@@ -134,7 +134,7 @@ class Course:
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """What a round of the revision may change; equal where nothing did."""
+        """The parts that a round of the revision may change, for comparison."""
         return (
             tuple(self.stop.tolist()),
             tuple(self.begins.tolist()),

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An estimate of a parameter, with how far it is known."""
+"""An estimate of a parameter, with its uncertainty."""
 
 from __future__ import annotations
 
 import math
 from typing import Any, NamedTuple
 
-#: A normal estimate is within so many standard deviations in 95 % of all cases.
+#: A normal estimate is within this number of standard deviations in 95 % of all cases.
 WITHIN = 1.959964
 
 
@@ -19,11 +19,11 @@ class Estimate(NamedTuple):
     value : float
         The estimate, SI units.
     standard_deviation : float
-        Its standard deviation.
+        Standard deviation of the estimate.
     interval : tuple of float
         Interval that holds the true value in 95 % of all cases.
     start : float or None
-        What was given as a start value; None if there was none.
+        The start value; None if there was none.
     unit : str
         SI unit; empty for a ratio.
 
@@ -42,7 +42,7 @@ class Estimate(NamedTuple):
 
     @property
     def of_inverse(self) -> Estimate:
-        """The same estimate, with the interval of an inverse whose error is normal."""
+        """The estimate with the interval of an inverse whose error is normal."""
         part = WITHIN * self.standard_deviation / abs(self.value)
         ends = tuple(self.value / (1.0 + way) if way > -1.0 else math.inf for way in (part, -part))
         return self._replace(interval=(ends[0], ends[1]))
@@ -56,7 +56,7 @@ class Estimate(NamedTuple):
         return cls(value, deviation, (value - half, value + half), start, unit)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the estimate for JSON."""
         return {
             'value': self.value,
             'standard_deviation': self.standard_deviation,

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The force or the base as it was recorded beside the motion, in place of that of the rig.
+The recorded force or motion of the base, which replaces that of the rig.
 
 The closed form of the motion and the exact engine take an excitation as a sum of tones
-A sin(W t + p). They are found one by one, each with the largest peak of the spectrum that is left,
-and then fitted together.
+A sin(W t + p). Tones are found one by one, each at the largest peak of the remaining spectrum, and
+then fitted together.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from .vibration import Array
 #: Tones describe a record if their residual is at most this part of its rms, or this multiple of
 #: the noise of its sensor, which may be this part of the rms at most.
 _LEFT, _LEFT_OF_NOISE, _MOST_NOISE = 0.005, 1.3, 0.05
-#: Most tones that are looked for.
+#: Most tones of an excitation.
 _MOST_TONES = 6
 _UNITS = {'force': 'N', 'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
 
 
 class ExcitationError(ValueError):
-    """A recorded excitation that is no sum of tones; the text says what to do."""
+    """A recorded excitation that is no sum of tones; the text has the remedy."""
 
 
 class Tones(NamedTuple):
@@ -43,7 +43,7 @@ class Tones(NamedTuple):
 
 
 def _enough(values: Array) -> float:
-    """Return what tones may leave of a signal, rms."""
+    """Return the largest residual of the tones of a signal, rms."""
     values = values[np.isfinite(values)]
     size = float(np.std(values))
     return max(_LEFT * size, min(_LEFT_OF_NOISE * noise_of(values), _MOST_NOISE * size))
@@ -51,7 +51,7 @@ def _enough(values: Array) -> float:
 
 def _sum_of(frequencies: Array, time: Array, values: Array) -> Tones:
     """
-    Return the tones of some frequencies that describe values best, beside a constant.
+    Return the tones of given frequencies that describe values best, with a constant.
 
     Values that are NaN are not used.
     """
@@ -72,7 +72,7 @@ def tones_of(time: Array, values: Array) -> Tones:
     Raises
     ------
     ExcitationError
-        If it is made of something else.
+        If the signal is no sum of tones.
     """
     step = float(time[-1] - time[0]) / (len(time) - 1)
     rates = math.tau * np.fft.rfftfreq(4 * len(time), step)
@@ -105,7 +105,7 @@ def with_excitation(
     measured: MeasuredMotion, rig: RigParameters
 ) -> tuple[RigParameters, list[str]]:
     """
-    Return a rig under the excitation that was recorded, and what that changes, in words.
+    Return a rig under the recorded excitation, and the change in words.
 
     A described excitation that agrees with the record is kept.
 
@@ -134,7 +134,7 @@ def with_excitation(
         if kind == 'base':
             changes['base_quantity'] = quantity
             if measured.force is None and _force_of(rig) == _force_of(RigParameters()):
-                # A file that says nothing of the force
+                # A file without a force
                 changes['force_amplitudes'] = (0.0,)
         rig = rig.replace(sweep_mode='off', multisine_level=0.0, **changes)
         unit = _UNITS[quantity]

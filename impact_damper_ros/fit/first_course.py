@@ -15,28 +15,29 @@ from .partition import Record, fit_vibration, jumps_between, least_cost, partiti
 from .unknowns import Unknowns, later
 from .vibration import Array, Vibration
 
-#: What a further impact must take from the sum of squares, in variances; where one was measured;
-#: and the part of it while K and C are sought, which missed impacts bias more than false ones.
+#: Penalties: fall of the sum of squares by a further impact, in variances; that where an impact
+#: was measured; and the share of the former while K and C are sought, which missed impacts bias
+#: more than false ones.
 PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
 _ROUNDS = 4
-#: Phases of the force that are tried, and stiffnesses, in that of the start.
+#: Numbers of phases of the force, and stiffnesses over that of the start, that are tried.
 _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
-#: Stiffnesses and dampings that are tried where the phase is known, in those of the start, at so
-#: many samples per period.
+#: Stiffnesses and dampings, over those of the start, that are tried where the phase is known, and
+#: samples per period.
 _GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
 _SAMPLES = 40
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
-#: Changes of K, and of C, after which the impacts are looked for again.
+#: Changes of K, and of C, after which impacts are searched again.
 _CHANGE, _CHANGE_DAMPING = 1e-3, 2e-2
 
 
-#: Least impacts that a fit is made from, and least flights from stop to stop.
+#: Least number of impacts for a fit, and least number of flights from stop to stop.
 LEAST_IMPACTS, _LEAST_TRANSITS = 6, 4
 
 
 class UnfitRecordError(Exception):
-    """A record to which no rig can be fitted; the text says why, and what to do."""
+    """A record to which no rig can be fitted; the text has the reason and the remedy."""
 
 
 def check_impacts(count: int) -> None:
@@ -50,7 +51,7 @@ def check_impacts(count: int) -> None:
 
 
 def match_times(times: Array, measured: Array, limit: float) -> NDArray[np.int64]:
-    """Return the measured time that belongs to each instant, -1 for none; each belongs to one."""
+    """Match measured times to instants, one to one; return their indices, -1 for none."""
     found = np.full(len(times), -1)
     if not len(measured) or not len(times):
         return found
@@ -74,7 +75,7 @@ def _penalties(record: Record, measured: Array, deviation: float) -> Array:
 
 
 def thin_out(record: Record, rig: RigParameters, samples: int = _SAMPLES) -> Record:
-    """Return the record with about so many samples in a natural period, or all that it has."""
+    """Return the record with about that many samples in a natural period, or with all."""
     step = 2.0 * np.pi / rig.omega / samples / float(np.median(np.diff(record.time)))
     part = slice(None, None, max(1, round(step)))
     return Record(record.time[part], record.motion[part], record.weight[part], record.order)
@@ -87,7 +88,7 @@ def scan_costs(
     deviation: float,
     grid: tuple[Array, Array] = _GRID,
 ) -> tuple[float, tuple[float, float]]:
-    """Return the least cost on a grid of K and C, in those of a start, and these."""
+    """Return the least cost on a grid of K and C over those of a start, with its K and C."""
     tried = [(start[0] * k, start[1] * c) for k in grid[0].tolist() for c in grid[1].tolist()]
     return min(
         (least_cost(record, Vibration.of(rig, *one), deviation, PENALTY), one) for one in tried
@@ -96,10 +97,10 @@ def scan_costs(
 
 def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float, float]:
     """
-    Return by how much the force comes later than described, and the stiffness, by trial.
+    Return the delay of the force, and the stiffness, by trial.
 
-    That phase of it is right with which the motion is made of the fewest free vibrations. Near
-    resonance an error of the stiffness shifts the phase of the response, too.
+    With the right phase the motion has the fewest free vibrations. Near resonance an error of the
+    stiffness shifts the phase of the response, too.
     """
     period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
     damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
@@ -118,7 +119,7 @@ def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float,
 
 
 def clock_offset_of(record: Record, rig: RigParameters) -> float:
-    """Return the mean over whole periods of the force: the offset of a sensor, nearly."""
+    """Return the mean over whole periods of the force: nearly the offset of the sensor."""
     period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
     whole = np.floor((record.time[-1] - record.time[0]) / period) * period
     last = (record.time >= record.time[-1] - whole) & (record.weight > 0.0)
@@ -135,7 +136,7 @@ def first_course(
     scan: bool = False,
 ) -> Course:
     """
-    Return the course that partition and regression find; `scan` looks for K and C on a grid first.
+    Return the course by partition and regression; with `scan` K and C come from a grid first.
 
     Near resonance, free vibrations resemble the response to the force, so that the best point of a
     grid may be far from the rig.
@@ -176,8 +177,8 @@ def first_course(
     stops = np.where(jumps.jump >= 0.0, 1, -1)
     if (transits := int((np.diff(stops) != 0).sum())) < _LEAST_TRANSITS:
         raise UnfitRecordError(
-            f'{transits} flights from one stop to the other were found in the record, and the '
-            f'gap shows in {_LEAST_TRANSITS} at least: shake harder, or record for longer'
+            f'{transits} flights from one stop to the other were found in the record, and the gap '
+            f'needs {_LEAST_TRANSITS} at least: shake harder, or record for longer'
         )
     rate = float(np.sqrt(stiffness / rig.primary_mass))
     alphas, grip, gap = regress(unknowns, jumps, stops, rate)

@@ -18,27 +18,27 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .vibration import Array
 
-#: Events that a flight may have; a chatter has more, and is no flight that can be fitted.
+#: Most events of a flight; a chatter has more, and cannot be fitted.
 _ROOM = 48
-#: Of the impacts of a replay, those up to this one may be the end of the flight.
+#: Number of first impacts of a replay that may be the end of the flight.
 _MOST_IMPACTS = 6
-#: Part of its duration by which the end of a flight may be off.
+#: Largest error of the end of a flight, as a part of its duration.
 _PART = 0.06
 _AT_REST = (EventKind.STICK, EventKind.REST)
 
 
 class Passage(NamedTuple):
     """
-    How the engine gets to an impact of the course.
+    Events of the engine up to an impact of the course.
 
     Attributes
     ----------
     ahead : int
-        How many impacts ahead it is; 0 if the engine gets to none.
+        Number of impacts ahead; 0 if the engine reaches none.
     events : list of Event
-        Events up to it, with times since the start of the flight.
+        Events up to that impact, with times since the start of the flight.
     sticks : bool
-        Whether m sticks or rests before it.
+        Whether m sticks or rests before that impact.
     """
 
     ahead: int
@@ -47,12 +47,12 @@ class Passage(NamedTuple):
 
     @property
     def impacts(self) -> list[Event]:
-        """The impacts, that which ends the flight among them."""
+        """The impacts, including that at the end of the flight."""
         return [event for event in self.events if event.kind is EventKind.IMPACT]
 
     @property
     def missed(self) -> int:
-        """Impacts before that at the end."""
+        """Number of impacts before that at the end."""
         return max(len(self.impacts) - 1, 0)
 
 
@@ -84,7 +84,7 @@ class FlightReplay:
 def passage(
     events: list[Event], spans: Array, stops: NDArray[np.int64], tolerance: float
 ) -> Passage:
-    """Return at which of the next impacts of a course, after spans on stops, events arrive."""
+    """Return the events up to one of the next impacts of a course, given as spans and stops."""
     sticks = False
     hits = 0
     for k, event in enumerate(events):

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Least squares under conditions: Gauss-Newton steps from the system of their multipliers.
+Least squares under conditions: Gauss-Newton steps with Lagrange multipliers.
 
 Each step minimises the linearised residuals where the linearised conditions hold, exactly. A
 condition joins neighbouring nodes, so that the system is a band but for the shared unknowns, which
-are eliminated last. The same system gives the covariance of the estimates and, for each condition,
-the multiplier that says how much the sum of squares would fall without it [1]_.
+are eliminated last. The same system gives the covariance of the estimates and the multiplier of
+each condition, from which follows the fall of the sum of squares without it [1]_.
 
 References
 ----------
@@ -30,27 +30,27 @@ _WEIGHT = 100.0
 _TRIES = 4
 #: Parts of a step that are tried before it is damped.
 _PARTS = (1.0, 0.5, 0.25, 0.1, 0.03)
-#: Steps go on until no condition is larger than this, in standard deviations of the data.
+#: Largest condition at which steps may end, in standard deviations of the data.
 _EXACT = 1e-3
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-11, 1e-9
-#: Regularisation of the conditions: redundant ones leave the system regular.
+#: Regularisation: redundant conditions leave the system regular.
 _GIVE = 1e-13
-#: Most growth of restitution over speed, v/v_c, that a step may lead to.
+#: Largest growth of restitution over speed, v/v_c, after a step.
 _MOST_GROWTH = 0.1
 
 
 class FitSolution(NamedTuple):
     """
-    Where Gauss-Newton ended.
+    The result of Gauss-Newton steps.
 
     Attributes
     ----------
     unknowns : ndarray
         All unknowns.
     equations : Equations
-        There.
+        The equations at the solution.
     settled : bool
-        Whether the last step changed nothing that matters.
+        Whether the last step was negligible.
     """
 
     unknowns: Array
@@ -149,9 +149,9 @@ class System:
 
     def profile(self, residual_rates: Array, condition_rates: Array) -> tuple[Array, Array]:
         """
-        Return what the data say of further unknowns, the others being fitted again.
+        Return the information on further unknowns, with the others fitted again.
 
-        Their information matrix, and by how much all others change with them.
+        The results are their information matrix, and the changes of all others with them.
         """
         right = np.vstack([self._rates.T @ residual_rates, condition_rates])
         found = self._solve(right)
@@ -170,7 +170,7 @@ def _band_order(equations: Equations) -> NDArray[np.int64]:
     """Return unknowns and conditions, node by node, with the shared unknowns last."""
     laws, shared = equations.condition_rates, equations.shared
     unknowns = np.arange(equations.residual_rates.shape[1])
-    # A condition stands before the unknowns of the last node in it
+    # A condition stands before the unknowns of the last node in it.
     conditions = laws.indices[laws.indptr[1:] - 1]
     keys = np.concatenate([2 * ((unknowns - shared) // 5) + 1, 2 * ((conditions - shared) // 5)])
     keys[:shared] = keys.max(initial=0) + 1
@@ -189,7 +189,7 @@ def _is_allowed(shooting: Shooting, u: Array) -> bool:
     gap = shared[shooting.unknowns.column('gap')]
     first, second = shooting.unknowns.alpha_columns()
     positive = min(shared[0], shared[1], shared[first], shared[second], gap) > 0.0
-    # Restitution that grows with the speed has to stay a number
+    # Restitution that grows with the speed must stay finite.
     fastest = float(np.abs(states[:, W] - states[:, V]).max())
     grows = shooting.unknowns.value(shared, 'slowness') * fastest < -_MOST_GROWTH
     return bool(positive and not grows and np.all(np.diff(states[:, 0]) > 0.0))
@@ -201,9 +201,8 @@ def solve(
     """
     Minimise the residuals where the conditions hold; `soft` is a deviation of the laws.
 
-    Instants move by at most a sample in a step. Of a step that makes residuals and conditions
-    larger a part is taken, or it is damped.
-    A friction below zero is held there: no flight of the engine has one.
+    Instants move by at most a sample in a step. A step that makes residuals and conditions larger
+    is shortened or damped. A friction below zero is set to zero: no flight of the engine has one.
     """
     grip = shooting.unknowns.column('grip')
     longest = float(np.median(np.diff(shooting.record.time)))
@@ -253,15 +252,15 @@ def solve(
 
 
 def _merit(residual: Array, condition: Array) -> float:
-    # A product of long vectors would wait for the threads of BLAS, which takes longer
+    # A product of long vectors would wait for the threads of BLAS, which takes longer.
     return float(np.sum(residual**2) + _WEIGHT * np.sum(condition**2))
 
 
 def gains_of_release(shooting: Shooting, solution: FitSolution) -> Array:
     """
-    Return by how much the sum of squares would fall if the laws of one flight did not hold.
+    Return the fall of the sum of squares for each flight if its laws did not hold.
 
-    One for each flight; to first order, as the test of Lagrange multipliers has it.
+    It is correct to first order, by the test of Lagrange multipliers.
     """
     system = System(solution.equations, _LEAST_DAMPING)
     _, multipliers = system.step(solution.equations)

@@ -24,13 +24,13 @@ class NodeMotion(Nodes):
     record : Record
         The measured motion.
     unknowns : Unknowns
-        What is shared.
+        The shared unknowns.
     course : Course
-        The motion; its numbers are the first guess.
+        The course; its numbers are the first guess.
     impact_times : ndarray
         Measured instants of impacts.
     weight : ndarray
-        Of each sample, 0 where it is not used.
+        Weight of each sample, 0 where it is not used.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class NodeMotion(Nodes):
 
     @property
     def alpha_column(self) -> NDArray[np.int64]:
-        """Where the alpha of the stop hit at each node stands."""
+        """Place of the alpha of the stop hit at each node."""
         first, second = self.unknowns.alpha_columns()
         return np.where(self.kind == -1, second, first)
 
@@ -120,7 +120,7 @@ class NodeMotion(Nodes):
 
     @cached_property
     def _turning(self) -> Phasors:
-        """The harmonics at the samples, of phasors 1 at time 0."""
+        """The harmonics at the samples, with phasors 1 at time 0."""
         frequencies = self.vibration(self.course.shared).frequencies
         turning: Phasors = np.exp(1j * frequencies * self.record.time[:, None])
         return turning
@@ -150,14 +150,14 @@ class NodeMotion(Nodes):
         return self.signal(vibration, states, push, node)
 
     def motion(self, u: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the fitted signal at all samples, NaN where there is none, and which count."""
+        """Return the fitted signal (NaN where there is none), and whether each sample counts."""
         shared, states = self.parts(u)
         node, inside = self._node_of_samples(states)
         signal = self.sense(shared, self._signal(shared, states, node))
         return np.where(inside, signal, np.nan), inside & (self.weight > 0.0)
 
     def sense(self, shared: Array, signal: Array) -> Array:
-        """Return what the sensor shows of a signal."""
+        """Return a signal as the sensor shows it."""
         return signal + self.unknowns.value(shared, 'bias')
 
     def _node_of_samples(self, states: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

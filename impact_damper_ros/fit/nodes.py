@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each node of a course is: an impact or a reversal, and what is determined there."""
+"""The nodes of a course: impacts and reversals, and the unknowns that are determined at each."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Nodes:
     kind : ndarray of int
         +1 and -1 for an impact on stop 1 and 2, 0 for a reversal.
     impacts, ends, firsts, lone : ndarray of int
-        The impacts; the nodes that end a flight that counts; those at which the motion begins
-        anew; and those among these that begin no flight either, and stay where they are.
+        The impacts; the nodes that end a flight that counts; the nodes at which the motion begins
+        anew; and those of the latter that begin no flight either, and stay where they are.
     flight : ndarray of int
         Flight after each node, by the number of its first impact.
     direction, last_stop : ndarray
-        Of the motion of m relative to M after each node, +1 down, and the stop hit last, +1 or -1.
+        Direction of m relative to M after each node, +1 down, and the stop hit last, +1 or -1.
     held_at : ndarray
         Instant of a reversal that keeps it, NaN at other nodes.
     lawless_ends : ndarray of bool
@@ -82,7 +82,7 @@ class Nodes:
         counts_after: NDArray[np.bool_],
         lawless: NDArray[np.bool_],
     ) -> NDArray[np.int64]:
-        """Return nodes and coordinates that nothing else determines."""
+        """Return nodes and coordinates that no equation determines."""
         holds = [(node, what) for node in self.lone for what in (T, X, V, W)]
         begins = ~counts & counts_after & lawless
         holds += [(node, W) for node in np.flatnonzero(begins)]

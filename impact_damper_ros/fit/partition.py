@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Where M was hit: the measured motion as the fewest stretches that are one free vibration each.
+The partition of the measured motion into the fewest stretches of one free vibration each.
 
 Less the steady response, each stretch between two impacts is exp(-a t) (A cos bt + B sin bt),
 whether displacement, velocity or acceleration was measured. The stretches are found by optimal
@@ -30,7 +30,7 @@ Edges = NDArray[np.int64]
 
 #: Least samples of a stretch that determine its vibration.
 LEAST = 3
-#: Longest stretch that is looked at in one piece, natural periods; longer ones are joined.
+#: Longest stretch that is searched as one, in natural periods; longer ones are joined.
 _LONGEST = 1.6
 #: Rows of the table of sums that are computed at once.
 _ROWS = 256
@@ -38,12 +38,12 @@ _ROWS = 256
 _LEAST_DIFFERENCES = 30
 #: Residuals beyond this many standard deviations count less in the fit of K and C.
 _ROBUST = 3.0
-#: Most change of the logarithms of K and C from where they are fitted.
+#: Largest change of the logarithms of K and C from their start.
 _WIDEST = np.array([0.2, 3.0])
 
 
 class Record(NamedTuple):
-    """Samples of the motion of M as the partition takes them; weights are 0 or 1."""
+    """Samples of the motion of M for the partition; weights are 0 or 1."""
 
     time: Array
     motion: Array
@@ -52,7 +52,7 @@ class Record(NamedTuple):
 
 
 class Jumps(NamedTuple):
-    """Impacts as M shows them: instants, X and X' just before each, and the jump of X'."""
+    """Impacts in the motion of M: instants, X and X' just before each, and the jump of X'."""
 
     time: Array
     x: Array
@@ -64,7 +64,7 @@ def noise_of(motion: Array) -> float:
     """
     Return the standard deviation of white noise, from fourth differences.
 
-    A smooth motion has almost none; jumps are too few to alter the median.
+    A smooth motion has almost no fourth differences; jumps are too few to alter the median.
     """
     differences = np.diff(motion, 4)
     if not len(differences):
@@ -77,7 +77,7 @@ def noise_between(residuals: Array, time: Array, impacts: Array) -> float:
     """
     Return the noise of residuals from fourth differences that do not span an impact.
 
-    It is NaN where there are too few; the residuals may have gaps of NaN.
+    The result is NaN with too few differences; the residuals may have gaps of NaN.
     """
     differences = np.diff(residuals, 4)
     first = np.searchsorted(impacts, time)
@@ -100,7 +100,7 @@ def _sums(record: Record, vibration: Vibration, first: int, end: int) -> Array:
 
 
 def _squares_left(sums: Array) -> Array:
-    """Return the sum of squares that the best vibration leaves, of sums over stretches."""
+    """Return the residual sum of squares of the best vibration, given sums over stretches."""
     yy, yc, ys, cc, cs, ss = sums
     det = cc * ss - cs * cs
     poor = det <= 1e-9 * cc * ss
@@ -115,7 +115,7 @@ def partition(
     """
     Return where the stretches begin, as indices of samples, and the number of samples.
 
-    `penalty` is that of a cut before each sample, in squares of the standard deviation.
+    `penalty` has that of a cut before each sample, in squares of the standard deviation.
     """
     n = len(record.time)
     cuts = np.broadcast_to(np.asarray(penalty, float), (n,))
@@ -135,7 +135,7 @@ def least_cost(record: Record, vibration: Vibration, deviation: float, penalty: 
 def _cheapest(
     record: Record, vibration: Vibration, deviation: float, cuts: Array
 ) -> tuple[float, Edges]:
-    """Return the least cost, and where the last stretch of each beginning of the record begins."""
+    """Return the least cost and the last stretch's begin for each initial part of the record."""
     n = len(record.time)
     period = 2.0 * np.pi / vibration.damped
     longest = min(n, max(2 * LEAST, int(_LONGEST * period / np.median(np.diff(record.time)))))
@@ -183,7 +183,7 @@ class FreeVibrations(NamedTuple):
 
 
 def free_vibrations(record: Record, vibration: Vibration, edges: Edges) -> FreeVibrations:
-    """Fit the free vibration of each stretch; too short ones have none, and no residual."""
+    """Fit the free vibration of each stretch; too short stretches have none, and no residual."""
     starts, sizes = edges[:-1], np.diff(edges)
     y = record.motion - vibration.steady(record.time, record.order)
     since = record.time - np.repeat(record.time[starts], sizes)
@@ -223,9 +223,9 @@ def fit_vibration(
 
 def jumps_between(record: Record, vibration: Vibration, edges: Edges, measured: Array) -> Jumps:
     """
-    Return impacts: where the displacements of neighbouring stretches cross, or when measured.
+    Return impacts: where the displacements of neighbouring stretches are equal, or as measured.
 
-    An impact time that was measured is taken in place of the nearest crossing.
+    A measured impact time replaces the nearest of these instants.
     """
     amplitude, _ = free_vibrations(record, vibration, edges)
     amplitude = amplitude / vibration.root**record.order

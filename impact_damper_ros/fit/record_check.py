@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a record before anything is fitted to it."""
+"""The faults of a record that prevent a fit."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _LONGEST_GAP = 0.5
 #: The motion over the response to the force alone: beyond this factor a unit is wrong.
 _FACTOR = 200.0
 _LEAST_SIGNAL = 3.0
-#: A mean of so many standard deviations is an offset of the sensor.
+#: A mean above this many standard deviations is an offset of the sensor.
 _OFFSET = 2.0
 
 
 def faults_of(measured: MeasuredMotion, rig: RigParameters, also: Sequence[str] = ()) -> list[str]:
-    """Return why nothing can be fitted to a record; empty if something can."""
+    """Return why no rig can be fitted to a record; empty if a fit is possible."""
     time, used = np.asarray(measured.time, float), np.asarray(measured.used, bool)
     motion = np.asarray(measured.motion, float)[used]
     source = measured.source or 'the record'

@@ -3,7 +3,8 @@
 A measured motion from messages of ROS 2: of a bag, or of a live topic, without ROS.
 
 The columns of a topic are those of `bag.topic_columns`. The messages of a rig of this package come
-with those of `snapshot` and `impacts` beside them: when its motion began, where its impacts were.
+with those of its topics `snapshot` and `impacts`, which show the start of the motion and the
+impacts.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def beside(topic: str, name: str) -> str:
 
 
 class TopicMessages(NamedTuple):
-    """The messages of a topic and of those of a rig beside it, and where they are from."""
+    """The messages of a topic and of other topics of its rig, and their source."""
 
     messages: Sequence[RecordedMessage]
     topic: str
@@ -57,7 +58,7 @@ def is_bag(path: Path) -> bool:
 
 
 def bag_messages(path: Path, options: ReadingOptions) -> TopicMessages:
-    """Return the messages of the topic of a bag that is the motion."""
+    """Return the messages of the topic of a bag that has the motion."""
     named = {'column', 'time_column', 'base_column', 'force_column'}
     if any(getattr(options, name) for name in named):
         raise ValueError(f'{path}: a bag has no columns: name --topic and --joint')
@@ -69,7 +70,7 @@ def bag_messages(path: Path, options: ReadingOptions) -> TopicMessages:
 
 
 def recorded_rig(messages: TopicMessages) -> RigParameters | None:
-    """Return the rig that the first snapshot beside a topic describes; None without one."""
+    """Return the rig of the first snapshot in the namespace of a topic; None without one."""
     every, topic, _ = messages
     commands = _commands(every, beside(topic, 'snapshot'), topic)
     return RigParameters(**parameters_of(commands[0].state['parameters'])) if commands else None
@@ -79,7 +80,7 @@ def _topic_of(reader: RunReader, topic: str) -> tuple[str, str]:
     """Return name and type of the topic of a bag."""
     there = [key for key, found in reader.topics.items() if found.message_count]
     usable = sorted(key for key in there if key[1] in TYPES)
-    # Of a rig the joint states are meant
+    # The joint states of a rig are taken by default.
     rigs = [key for key in usable if key[0].endswith('joint_states')]
     chosen = [key for key in usable if key[0] == topic] if topic else rigs or usable
     if len(chosen) == 1:
@@ -100,17 +101,17 @@ class TopicSeries(NamedTuple):
 
     found: TopicColumns
     seconds: Array
-    #: Places of the motion, and of the base if it is there.
+    #: Places of the motion, and of the base if there is one.
     place: int
     base: int | None
-    #: Whether a message is used, and where impacts were.
+    #: Mask of the messages that are used, and times of impacts.
     kept: NDArray[np.bool_]
     times: Array | None
     source: str
 
 
 def series_of(messages: TopicMessages, options: ReadingOptions) -> TopicSeries:
-    """Return the columns of a topic, and which of its messages are used."""
+    """Return the columns of a topic, and a mask of its messages that are used."""
     every, topic, source = messages
     own = [m for m in every if m.topic == topic]
     source = f'{source}, {topic}'
@@ -150,13 +151,13 @@ def series_of(messages: TopicMessages, options: ReadingOptions) -> TopicSeries:
 
 def motion_of_messages(messages: TopicMessages, options: ReadingOptions) -> MeasuredMotion:
     """
-    Return the motion that messages of a topic describe, with those of the rig beside it.
+    Return the motion of the messages of a topic, with the rig that publishes it.
 
-    Of a rig of this package only what is before the next change of its parameters is used, and
-    the time is rig time, from which its force counts.
+    The motion of a rig of this package is used up to the next change of its parameters, and the
+    time is rig time, from which the force counts.
     """
     found, seconds, place, base_place, kept, times, source = series_of(messages, options)
-    # Of samples that are there twice, or late, the first in time
+    # The first of repeated or late samples is kept.
     _, once = np.unique(found.stamps_ns[kept], return_index=True)
     places = np.flatnonzero(kept)[once]
     if not len(places):
@@ -183,7 +184,7 @@ def motion_of_messages(messages: TopicMessages, options: ReadingOptions) -> Meas
 
 
 def _commands(messages: Sequence[RecordedMessage], topic: str, source: str) -> list[Command]:
-    """Return the snapshots of a rig, none if there are none, in the order of their stamps."""
+    """Return the snapshots of a rig, in the order of their stamps."""
     found = []
     for message in messages:
         if message.topic != topic or message.type != STRING:
@@ -219,7 +220,7 @@ def read_motion(path: str | Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     path : str or Path
         A table (CSV, text, universal file, MAT, WAV, ...) or a bag of ROS 2.
     options : ReadingOptions, optional
-        Columns or topic, units, and which part is read; what the file says, if not given.
+        Columns or topic, units, and the part to read; by default those of the file.
 
     Returns
     -------
@@ -231,8 +232,8 @@ def read_motion(path: str | Path, options: ReadingOptions = NO_OPTIONS) -> Measu
     TypeError
         If the path or the options are of another kind.
     ValueError
-        If the file is none of these, or several of its columns may be the motion; the message
-        says what to give.
+        If the file is none of these, or several of its columns may be the motion; the message has
+        the remedy.
 
     Examples
     --------

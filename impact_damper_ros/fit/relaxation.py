@@ -2,10 +2,10 @@
 """
 From a first course to one that nearly obeys the laws of m, which are imposed in steps.
 
-At first M alone obeys its laws, and those of m are soft. Flights that break them by much, since an
-impact was missed or m sticks, are left to M alone, and then cut out. Without measured impact times
-weak impacts, and the weaker of two that are closer than the samples, are taken for noise; and the
-course begins with the impact before the first one that is so strong that its bounces are seen.
+At first M alone obeys its laws, and those of m are soft. Flights that break the laws by much,
+since an impact was missed or m sticks, are fitted to M alone, and then cut out. Without measured
+impact times weak impacts, and the weaker of two that are closer than the samples, are taken for
+noise; and the course begins with the impact before the first one whose bounces the record shows.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from .vibration import Array
 
 #: Deviations of the laws, one after the other, in those of the data.
 _STAGES = (100.0, 10.0, 1.0)
-#: From here on flights that break the laws are cut.
+#: Deviation of the laws from which on flights that break them are cut.
 _CUT = 10.0
 _STEPS = 15
 #: Jumps below this many standard deviations are noise; impacts closer than this many samples one.
 _WEAK, _CLOSE = 4.0, 1.6
-#: A jump of so many standard deviations has bounces that are seen at a restitution of 1/4; such a
-#: one is looked for in this part of the record.
+#: A jump of this many standard deviations has visible bounces at a restitution of 1/4; the first
+#: one is sought in this part of the record.
 _CLEAR, _FIRST = 4.0 * _WEAK, 0.2
-#: Laws broken by this many standard deviations, and this many times the median.
+#: A flight breaks its laws by this many standard deviations, and this many times the median.
 _BROKEN, _TIMES_MEDIAN = 4.0, 5.0
 
 Problem = Callable[[Course], Shooting]
@@ -80,7 +80,7 @@ def relax(course: Course, problem: Problem, *, timed: bool) -> Course:
 
 
 def _begin_parts(course: Course, shooting: Shooting) -> None:
-    """Give m a velocity where it begins anew: the one with which it arrives."""
+    """Give m the velocity of its arrival where the motion begins anew."""
     unknowns, gap = shooting.unknowns, shooting.unknowns.value(course.shared, 'gap')
     grip = unknowns.value(course.shared, 'grip')
     for k in np.flatnonzero(course.begins[:-1]):
@@ -97,7 +97,7 @@ def _jumps(shooting: Shooting, u: Array, soft: float) -> tuple[Array, Array]:
 
 
 def _unclear(jump: Array, deviation: Array) -> int:
-    """Return how many impacts are too early to be followed by bounces that are seen."""
+    """Return the number of first impacts without visible bounces."""
     clear = np.flatnonzero(jump[1:] ** 2 > (_CLEAR * deviation[1:]) ** 2)
     return int(clear[0]) if len(clear) and clear[0] < _FIRST * len(jump) else 0
 

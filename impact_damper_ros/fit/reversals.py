@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where m is expected to reverse in each flight: from the motion of M, before any replay."""
+"""The expected reversals of m in each flight, from the motion of M, before any replay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .vibration import Array, Vibration
 
 _POINTS = 80
 _MOST = 4
-#: No reversal is looked for in this part of a flight behind its start, or another reversal.
+#: Part of a flight after its start, or after a reversal, in which no reversal is sought.
 _EARLY = 0.03
 #: Reversals with less relative acceleration than this part of M's largest are held.
 _FLAT = 0.1
@@ -21,7 +21,7 @@ _NEAR_STICK = 0.02
 
 
 class Expected(NamedTuple):
-    """Reversals of each flight, which of them are held, and which flights can end as they do."""
+    """Reversals of each flight, their fixed instants, and flights that can end at an impact."""
 
     reversals: list[Array]
     held: list[Flags]
@@ -29,7 +29,7 @@ class Expected(NamedTuple):
 
 
 def expected_reversals(course: Course, unknowns: Unknowns, vibration: Vibration) -> Expected:
-    """Return where m reverses if M moves as in the course."""
+    """Return the reversals of m if M moves as in the course."""
     rig, grip = unknowns.rig, unknowns.value(course.shared, 'grip')
     ratio = rig.damper_mass / rig.primary_mass
     span = np.diff(course.time)
@@ -41,7 +41,7 @@ def expected_reversals(course: Course, unknowns: Unknowns, vibration: Vibration)
     x, v = vibration.later(
         start, course.x[:-1, None], course.velocity[:-1, None], push[:, None], times - start
     )
-    # What m would need from its support if it moved with M
+    # The force per mass that m would need from its support to move with M
     joint = (vibration.acceleration(times, x, v, np.zeros(1)) + ratio * unknowns.slope) / (
         1.0 + ratio
     ) - unknowns.slope

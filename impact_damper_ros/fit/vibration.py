@@ -3,7 +3,7 @@
 Motion of M alone between two nodes, in closed form, for many instants at once.
 
 M is a linear oscillator whatever m does, so that its state some time after a node is linear in
-the state at the node, and in the constant acceleration that friction gives it.
+the state at the node, and in the constant acceleration of M by friction.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 Array = NDArray[np.float64]
 Phasors = NDArray[np.complex128]
 
-#: How often the displacement was differentiated in time, by what was measured.
+#: Number of time derivatives of the displacement, by the measured quantity.
 ORDERS = {'displacement': 0, 'velocity': 1, 'acceleration': 2}
 
 
@@ -47,7 +47,7 @@ class Vibration(NamedTuple):
     def of(
         cls, rig: RigParameters, stiffness: float, damping: float, delay: float = 0.0
     ) -> Vibration:
-        """Return the vibration of a rig with other K and C, whose force comes later by a delay."""
+        """Return the vibration of a rig with other K and C, whose force is delayed."""
         mass = rig.primary_mass
         decay, square = 0.5 * damping / mass, stiffness / mass
         forces, frequencies, phases = _harmonics(rig, stiffness, damping)
@@ -94,7 +94,7 @@ class Vibration(NamedTuple):
         """
         Return c of the free vibration Re(c exp(root s)), s after times.
 
-        X is that, the steady response and what a constant push deflects M by.
+        X is the sum of this, the steady response and the deflection by a constant push.
         """
         offset = x - push / self.stiffness - self.steady(times, 0)
         rate = velocity - self.steady(times, 1)

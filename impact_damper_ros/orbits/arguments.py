@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can be asked of the periodic solvers: forces, stop sequences, and the error otherwise."""
+"""Arguments of the periodic solvers: admissible forces and stop sequences, and the error."""
 
 from __future__ import annotations
 
@@ -56,16 +56,16 @@ def check_forcing(parameters: RigParameters, cycles: int | None = None) -> None:
     """
     Raise `OrbitError` if the force does not have the requested period.
 
-    As well if the rig has a parameter that does not enter the equations.
+    A parameter that does not enter the equations raises it, too.
 
-    It must repeat after so many cycles of its first harmonic, or be one harmonic if they are
-    not given, as the periodic theory assumes.
+    The force must repeat after `cycles` cycles of its first harmonic; without `cycles` it must be
+    one harmonic, as the periodic theory assumes.
     """
     for name in UNKNOWN:
         value = getattr(parameters, name)
         if value != getattr(_DEFAULT, name):
             raise OrbitError(
-                f'{name} is {value}: the periodic theory does not know it, give '
+                f'{name} is {value}: the periodic theory does not cover it, give '
                 f'{getattr(_DEFAULT, name)}'
             )
     amplitude, first = parameters.first_harmonic[0], parameters.first_harmonic[1]
@@ -121,7 +121,7 @@ def _whole(turns: float) -> bool:
 
 
 def repeats_after(parameters: RigParameters, cycles: int) -> bool:
-    """Return whether the force repeats after so many cycles of its first harmonic."""
+    """Return whether the force repeats after a number of cycles of its first harmonic."""
     try:
         check_forcing(parameters, cycles)
     except OrbitError:
@@ -194,8 +194,9 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     -------
     list of tuple of int
         Each sequence once, whatever impact it is counted from, beginning with stop 1 if that is
-        hit; the one that alternates comes first. Those of one stop come last, if weight or
-        friction can press m to it as much as impacts and air push it away; (1,) if there is none.
+        hit; the alternating one comes first. Sequences on one stop come last, if weight or
+        friction can press m to the stop as much as impacts and air drive it away; (1,) if there is
+        none.
 
     Raises
     ------

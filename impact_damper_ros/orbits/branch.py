@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A branch of periodic motions: its points, its motions at any value, and its best one."""
+"""A branch of periodic motions: its points, its motions at any value, and its best motion."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ class SpecialKind(Enum):
 
 class Span(NamedTuple):
     """
-    How far a parameter may go before a motion is lost.
+    The range of a parameter within which a motion is kept.
 
     Attributes
     ----------
     low, high : float
         The least and the largest value, SI.
     low_reason, high_reason : str
-        What happens there; empty where the branch was not followed further.
+        What happens at these values; empty where the branch was not followed further.
     """
 
     low: float
@@ -79,9 +79,10 @@ class SpecialPoint:
     orbit : PeriodicOrbit
         The motion there; at a grazing, just on its viable side.
     bracket : tuple of float
-        The parameter on either side of it; at a fold both are on the same side of its value.
+        The parameter on either side of the point; at a fold both are on the same side of its
+        value.
     converged : bool
-        Whether it is located to the tolerance; otherwise it is an estimate.
+        Whether the point is located to the tolerance; otherwise it is an estimate.
     reason : str
         At a grazing, and a fold where events meet, the change just beyond it; else empty.
 
@@ -119,7 +120,7 @@ class SpecialPoint:
 
     @cached_property
     def reason(self) -> str:
-        """The change just beyond it."""
+        """The change just beyond the point."""
         if self._beyond is None:
             return ''
         there = self._beyond.orbit
@@ -152,12 +153,12 @@ def difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
     return ', '.join(gained + lost)
 
 
-#: Numbers of a motion by which it may be the best.
+#: Numbers by which a motion may be the best.
 _MEASURES = ('x_max', 'x_max_ratio', 'impacts', 'cycles', 'period', 'residual')
 
 
 def _measure(name: str) -> Callable[[BranchPoint], float]:
-    """Return the reader of a number of motions; raise ValueError where they have none."""
+    """Return a function that reads a number of motions; raise ValueError for an unknown name."""
     if name not in _MEASURES:
         close = similar_names(name, _MEASURES)
         hint = f'did you mean {close}? There are {", ".join(_MEASURES)}' if close else ''
@@ -201,7 +202,7 @@ class Branch:
     special: tuple[SpecialPoint, ...]
     ended: str
     began: str = ''
-    #: Points in a row of one curve; where two meet, both have the point.
+    #: Consecutive points of one curve; where two curves meet, both have the point.
     _stretches: tuple[tuple[BranchPoint, ...], ...] = field(default=(), repr=False, compare=False)
 
     @property
@@ -248,7 +249,7 @@ class Branch:
 
         def status_of(first: int) -> str:
             both = self.points[first : first + 2]
-            # A special point belongs to both sides
+            # A special point belongs to both sides..
             ordinary = [point for point in both if id(point) not in special] or both
             if not all(point.viable for point in ordinary):
                 return 'not viable'
@@ -301,7 +302,7 @@ class Branch:
                 low, high = sorted(piece.values)
                 inside = low < high and low <= value <= high
                 point = piece.at_value(value) if inside else None
-                # Where two pieces meet, both have the motion
+                # Where two pieces meet, both have the motion..
                 if point and min(map(point.orbit.distance, at_value), default=1.0) > SAME:
                     at_value.append(point.orbit)
             motions.append(tuple(at_value))
@@ -391,7 +392,7 @@ class Branch:
             return size(point)
 
         if sides:
-            # Where there is no motion its size is infinite, which ends a parabola
+            # Where there is no motion the size is infinite, which ends a parabola.
             with np.errstate(invalid='ignore'):
                 minimize_scalar(
                     size_at,
@@ -416,7 +417,7 @@ class Branch:
 
     def span(self, value: float, orbit: PeriodicOrbit) -> Span:
         """
-        Return how far a motion of the branch is kept: stable and viable.
+        Return the range in which a motion of the branch stays stable and viable.
 
         Parameters
         ----------
@@ -436,13 +437,13 @@ class Branch:
         def end(step: int) -> tuple[float, str, float]:
             last, beyond, way = here, here + step, 0.0
             for _ in range(count):
-                # A branch that closes goes on at its other end
+                # A branch that closes continues at its other end.
                 beyond = beyond % count if self.ended == CLOSES else beyond
                 if not 0 <= beyond < count or not self.points[beyond].performed:
                     break
                 ahead = self.values[beyond] - self.values[last]
                 if way * ahead < 0.0:
-                    # It turns back, stable on both sides, as where two mirror images meet
+                    # The branch turns back, stable on both sides, as where two mirror images meet.
                     return self.values[last], SpecialKind.FOLD.value, way
                 last, beyond, way = beyond, beyond + step, way or ahead
             near = [k for k in (last, beyond) if 0 <= k < count]
@@ -456,7 +457,8 @@ class Branch:
 
         ends = [end(-1), end(1)]
         if ends[0][2] * ends[1][2] > 0.0:
-            # Where it turns back itself, it is kept on one side only: as far as on both ways
+            # At a turning point of the branch the motion is kept on one side only, as far as on
+            # both ways.
             nearer = min(ends, key=lambda found: abs(found[0] - self.values[here]))
             ends = [nearer, (self.values[here], SpecialKind.FOLD.value, 0.0)]
         (low, low_reason, _), (high, high_reason, _) = sorted(ends)
@@ -474,7 +476,7 @@ class Branch:
         )
 
     def extend(self, further: Branch) -> Branch:
-        """Return the branch with one that goes on from its last point."""
+        """Return the branch joined with one that continues from its last point."""
         return replace(
             self,
             points=(*self.points, *further.points[1:]),
@@ -485,11 +487,11 @@ class Branch:
 
 
 def _of_orbit(measure: Callable[[PeriodicOrbit], float]) -> Callable[[BranchPoint], float]:
-    """Return the reader of a measure of the motion at a point."""
+    """Return a function that measures the motion at a point."""
     return lambda point: measure(point.orbit)
 
 
-#: Why a branch ends: at the end of its range, with the points asked for, and elsewhere.
+#: Reasons for the end of a branch.
 END, POINTS = 'the end of the range', ' points'
 NONE_NEARBY = 'no motion nearby: the corrector fails'
 CLOSES = 'the branch closes'

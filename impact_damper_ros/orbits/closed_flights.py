@@ -9,7 +9,8 @@ state just after each node, as far as it is free, and the instants; the equation
 flight leads to the next node, and the condition of that node [1]_:
 
 - impact: m is at the stop. The velocities after it are those of `impact.rebound`; the relative
-  one is zero where the impact is plastic or belongs to the last bounces before rest, which act as
+velocity is zero where the impact is plastic or belongs to the last bounces before rest, which act
+as
   one plastic impact;
 - reversal, and the beginning of sticking: the relative velocity is zero;
 - release: m needs as much from its support as friction gives.
@@ -84,22 +85,22 @@ def set_rig(constants: Any, lines: Any, rig: Sequence[float]) -> None:
 @dataclass(slots=True)
 class NodeRow:
     """
-    A node, as the kernels have it.
+    A node, in the form for kernels.
 
     Attributes
     ----------
     kind, stop, mode : int
-        As of a `Node`.
+        As in `Node`.
     resting : int
         The mode `STICK`, `REST_1` or `REST_2` after it, or 0 if m moves relative to M.
     direction : int
-        In which m moves relative to M after it where friction acts, +1, -1, or 0.
+        Direction in which m moves relative to M after the node where friction acts, +1, -1, or 0.
     last : int
-        The stop hit last after it.
+        The stop hit last, after the node.
     gives : int
         Sign of the need at which the support gives way.
     returns : bool
-        Whether it ends a bounce that returns to the stop it came from.
+        Whether the node ends a bounce that returns to the stop it came from.
     """
 
     kind: int = 0
@@ -112,22 +113,22 @@ class NodeRow:
     returns: bool = False
 
 
-#: Columns of the table of the flights after the nodes: X (m), X', the way of m from the stop hit
-#: last, positive towards stop 1, so that it keeps its digits in short bounces, Y', and the instant
-#: on the force's clock, s, just after the node; ...
+#: Columns of the table of the flights after the nodes: X (m), X', the displacement of m from the
+#: stop hit last, positive towards stop 1, which keeps its digits in short bounces, Y', and the
+#: instant on the force's clock, s, just after the node; ...
 STATE, INSTANT = 0, 4
 #: ... the state at the end of the flight, the rates of the state at the start and at the end, ...
 END, RATE_START, RATE_END = 5, 9, 13
-#: ... X''' at the end, the duration, s, the constants of the oscillator, and what of the end does
-#: not change if the flight starts later from the same state, and
+#: ... X''' at the end, the duration, s, the constants of the oscillator, and the part of the end
+#: that does not change if the flight starts later from the same state, and
 JERK, SPAN, STIFF, DECAY = 17, 18, 19, 20
-#: the derivative of the end by the state at the start, row by row; and, of the node, why the rig
-#: cannot perform the motion, see `viability`.
+#: the derivative of the end by the state at the start, row by row; and the fault of the node, see
+#: `viability`.
 MATRIX = 21
 FAULTS = 37
-#: Of an impact, what `impact_equations` asks for: the way of m to the next stop, half of its
-#: acceleration on the way, and how the velocities of M before and after it follow from those of m
-#: just after and just before it.
+#: Entries of an impact for `impact_equations`: the way of m to the next stop, half of its
+#: acceleration on the way, and the factors from the velocities of m just after and just before the
+#: impact to those of M before and after it.
 WAY, HALF, FROM_AFTER, SLIDE = range(42, 46)
 COLUMNS = 46
 
@@ -139,15 +140,15 @@ class Problem(NamedTuple):
     Attributes
     ----------
     moving : Moving
-        The rig that flies, with constants that kernels may set.
+        The rig in flight, with constants that kernels may set.
     nodes : sequence of NodeRow
         The events of a period, in order.
     table : array, shape (n, COLUMNS)
-        The flights after the nodes, and what is wrong with them.
+        The flights after the nodes, and their faults.
     places : array of int, shape (5, 5 n)
-        Which equations and which unknowns count; and the number of each among those that do, or
-        -1. Those of a node are X, X', Y, Y' and what m needs from its support, or the instant.
-        At last, space of the solver.
+        Whether equations and unknowns count, and their numbers among those that do, or -1. Those
+        of a node are X, X', Y, Y' and the support that m needs, or the instant. The last row is
+        space of the solver.
     sheet : array, shape (ROWS + 3 (m + 1), width)
         All other numbers, by row.
     """
@@ -159,9 +160,9 @@ class Problem(NamedTuple):
     sheet: Any
 
 
-#: Rows of the sheet: units, what is known of the solution (see `arclength`), the numbers of the
-#: rig, what they are where the parameter is zero and how they change with it, the residual before
-#: each Newton step and at the end, then -1; ...
+#: Rows of the sheet: units, notes of the solution (see `arclength`), the numbers of the rig, their
+#: values where the parameter is zero and their slopes, the residual before each Newton step and at
+#: the end, then -1; ...
 UNITS, MARKS, RIG, PATH, SLOPE, HISTORY = range(6)
 #: ... vectors of m + 1 numbers: the unknowns, without dimension, and the parameter along the path;
 #: residuals, steps and other places; ...
@@ -179,11 +180,11 @@ EQUATIONS, UNKNOWNS, ROW_OF, UNKNOWN_OF, LEAD = range(5)
 NEWTON_STEPS = 40
 #: Largest residual of a solution; just beyond a fold the least residual is not zero.
 RESIDUAL_TOLERANCE = 1e-12
-#: A residual that only round-off can keep from falling.
+#: A residual that may fail to fall by round-off only.
 _SETTLED = 1e-13
-#: What a step leaves of a flight, at least.
+#: Least share of a duration that a step leaves.
 _SHORTEST_SHARE = 0.2
-#: Pivots that are smaller, relative to the first one, are those of dependent equations.
+#: Smaller pivots, relative to the first one, show dependent equations.
 _DEPENDENT = 1e-14
 #: Change of a parameter by which equations are differentiated.
 _CHANGE, _LEAST_CHANGE = 1e-6, 1e-9
@@ -292,7 +293,7 @@ def matrix_row(problem: Problem, number: int) -> int:
 
 @kernel
 def vary(problem: Problem, value: float) -> None:
-    """Set the rig along the path."""
+    """Set the rig of a value of the parameter on the path."""
     sheet = problem.sheet
     for k in range(FIRST_LINE + 3 * problem.moving.constants.harmonics):
         sheet[RIG, k] = sheet[PATH, k] + value * sheet[SLOPE, k]
@@ -350,7 +351,7 @@ def restitution_at(problem: Problem, j: int) -> float:
 
 @kernel
 def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> None:
-    """Write one equation of a node, by number, if it counts."""
+    """Write one equation of a node, by number, if that counts."""
     nodes, table, places = problem.nodes, problem.table, problem.places
     row = places[ROW_OF, 5 * j + r]
     if row < 0:
@@ -376,7 +377,7 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         if not constants.one_sided:
             value += 2.0 * constants.half_gap * (node.last - before.last)
         if node.returns:
-            # The mean velocity of a bounce is zero, rather than the way: or else two impacts at
+            # The equation of a bounce has the mean velocity, not the way: otherwise two impacts at
             # once would be a solution.
             scale /= sqrt(problem.sheet[RIG, STIFFNESS] / problem.sheet[RIG, MASS]) * flight[SPAN]
     elif r == _NEED:
@@ -392,7 +393,7 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         return
     sheet = problem.sheet
     line = matrix_row(problem, DERIVATIVE) + row
-    # By the state at the node before, and by the instants of that and of the node
+    # Derivatives by the state at the node before, and by the instants of both nodes
     early = 0.0
     late = flight[RATE_END + r] if r < _NEED else flight[JERK]
     for k in range(4):
@@ -444,8 +445,8 @@ def solve_linear(problem: Problem, count: int, solution: int) -> None:
     """
     Solve linear equations, of which `SPACE` and `VALUE` have copies, into a row.
 
-    Unknowns that the equations leave open are zero. Most entries of a long motion are zero, and
-    rows without one in a column are left alone.
+    Unknowns that the equations leave open are zero. Most entries of a long motion are zero, and a
+    row with zero in a column is skipped.
     """
     sheet, lead = problem.sheet, problem.places[LEAD]
     first = matrix_row(problem, SPACE)
@@ -532,7 +533,7 @@ def newton(problem: Problem, in_plane: bool, in_order: bool, enough: float) -> f
     """
     Run Newton's method from the place until the residual no longer falls; return the least.
 
-    The place becomes that of the least, with its flights and its derivative in
+    The place becomes that of the least residual, with its flights, and its derivative in
     `BEST_DERIVATIVE`. `in_plane` has the parameter as another unknown, and the plane through
     `GUESS` as another equation; `in_order` keeps every duration positive. A residual below
     `enough` ends it.
@@ -614,9 +615,9 @@ def write_monodromy(problem: Problem) -> int:
     """
     Write the derivative of the state after a node by itself, a period later, into the first frame.
 
-    The node is that after which the state has the fewest free coordinates; their number is
-    returned. They are the first ones: those of sticking have no relative velocity, those of rest
-    no way either.
+    The node is that after which the state has the fewest free coordinates; the result is their
+    number. They are the first coordinates: a state of sticking has no relative velocity, one of
+    rest no displacement of m either.
     """
     nodes, table, sheet = problem.nodes, problem.table, problem.sheet
     count = len(nodes)
@@ -668,7 +669,7 @@ def carry_through(problem: Problem, j: int, after: int) -> None:
     normal = 2 if impact else 3
     across = table[j, RATE_END + normal]
     if across == 0.0:
-        # Where m was held, a deviation does not move the instant.
+        # Where m stuck or rested, a deviation does not move the instant.
         return
     for i in range(4):
         rise = table[after, RATE_START + i]

@@ -55,10 +55,10 @@ from .orbit import PeriodicOrbit
 from .solution_curve import BranchPoint, Path, SolutionCurve, Steps, range_of
 from .solved_orbits import performed_near
 
-#: How far a multiplier may be from where it should be at a special point, and at a guess of one.
+#: Largest error of a multiplier at a special point, and at a guess of one.
 _NEAR = 1e-3
 _GUESSED = 0.2
-#: A multiplier that is larger is at a pole.
+#: A larger multiplier is at a pole.
 _POLE = 1e10
 
 
@@ -67,7 +67,7 @@ def _genuine(special: SpecialPoint) -> bool:
     values, kind = special.point.multipliers, special.kind
     near = _NEAR if special.converged else _GUESSED
     if kind not in (SpecialKind.FOLD, SpecialKind.GRAZING) and abs(values[0]) > _POLE:
-        # Round-off of the largest one hides the others
+        # Round-off of the largest multiplier hides the others.
         return False
     if kind is SpecialKind.PERIOD_DOUBLING:
         return min(abs(m + 1.0) for m in values) < near
@@ -78,7 +78,7 @@ def _genuine(special: SpecialPoint) -> bool:
     return True
 
 
-#: What happens where a test function is zero, by where that is among the marks of a point.
+#: Kind of special point at a zero of a test function, by its place among the notes of a point.
 _KINDS = {
     FOLD: SpecialKind.FOLD,
     DOUBLING: SpecialKind.PERIOD_DOUBLING,
@@ -97,10 +97,10 @@ def _with_special(
     points: Sequence[BranchPoint], change: tuple[BranchPoint, BranchPoint] | None = None
 ) -> tuple[list[BranchPoint], list[SpecialPoint]]:
     """
-    Return the points of a curve that belong to it, and the special ones among them.
+    Return the points of a curve that are part of the branch, and the special points among them.
 
-    Where a test function changes sign at a pole, or a rig that leaves the curve no longer
-    performs the motion, there is none.
+    There is no special point where a test function changes sign at a pole, or where a rig that
+    leaves the curve no longer performs the motion.
     """
     kept: list[BranchPoint] = []
     special: list[SpecialPoint] = []
@@ -126,12 +126,12 @@ def _with_special(
 
 #: The first step, as a share of the largest one.
 _FIRST_STEP = 0.1
-#: Fewest steps in which a branch closes, and distance of a place that is met again.
+#: Fewest steps in which a branch closes, and distance within which it has come back.
 _FEWEST = 4
 _SAME_PLACE = 1e-6
 #: Least scale of a parameter that begins near zero, as a share of its range.
 _LEAST_SCALE = 0.2
-#: How far from a meeting of two events the motion without them is sought, in steps.
+#: Distance from a meeting of two events at which the motion without them is sought, in steps.
 _BEYOND = 1e-6
 
 
@@ -141,7 +141,8 @@ def _performed_beyond(
     """
     Return the motion that the rig performs in place of a solution, and its curve.
 
-    It has the same impacts; along the branch a reversal, sticking or rest has come or gone.
+    The motion has the same impacts; along the branch a reversal, sticking or rest has come or
+    gone.
     """
     along = curve.along
     there = performed_near(point.orbit, point.orbit.parameters)
@@ -159,8 +160,9 @@ def _beyond_meeting(
     """
     Return the motion beyond a place where two events meet, as ends of sticking, and its curve.
 
-    The curve of the motions with both turns there. That of the motions without them does not: the
-    rig performs those on one side, where the branch goes on or, at a nonsmooth fold, back.
+    The curve of the motions with both events turns there. The curve of the motions without them
+    does not: the rig performs these on one side, where the branch goes on or, at a nonsmooth fold,
+    back.
     """
     between = curve.between(here, there)
     met = next((point for point in between if point.row[KIND] == FOLD), None)
@@ -178,7 +180,7 @@ def _beyond_meeting(
 
 
 def _comes_to(curve: SolutionCurve, here: BranchPoint, there: BranchPoint, within: float) -> bool:
-    """Return whether a curve passes another point within a distance, rather than next to it."""
+    """Return whether a curve reaches another point, to within a distance."""
     chord = there.place - here.place
     if np.linalg.norm(chord) >= within or float(there.tangent @ here.tangent) < SHARPEST_TURN:
         return False
@@ -295,7 +297,7 @@ def follow(
     Returns
     -------
     Branch
-        The motions, first those below the first one, and the special points among them.
+        The motions, from below the first one on, and the special points among them.
 
     Raises
     ------
@@ -351,9 +353,9 @@ def switch_branch(
     Parameters
     ----------
     special : SpecialPoint
-        Where it leaves.
+        The point where the branch leaves.
     path, low, high, largest_step, most_points
-        As of `follow`.
+        As in `follow`.
     mirrored : bool, optional
         Whether to begin in the opposite direction.
 
@@ -365,11 +367,11 @@ def switch_branch(
     Raises
     ------
     TypeError
-        If it is no `SpecialPoint`.
+        If `special` is no `SpecialPoint`.
     ValueError
         If the point is of another kind.
     OrbitError
-        If it is outside the range, or on a branch along another parameter.
+        If the point is outside the range, or on a branch along another parameter.
 
     Examples
     --------

@@ -27,13 +27,14 @@ from impact_damper_ros.motion.state import CHATTER_1, RigConstants
 from .response import Array
 from .transmissibility import Moments, Transmissibility
 
-#: Terms of a series, and the longest piece as an angle of the fastest oscillation, rad: what is
-#: left out of the series and of the integral of a square is below round-off.
+#: Terms of a series, and the longest piece as an angle of the fastest oscillation, rad: the
+#: truncation errors of the series and of the integral of a square are below round-off.
 TERMS, _PIECE_ANGLE = 20, 1.2
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(8)
 #: Places of the Gauss points in a piece, and their weights.
 GAUSS_POINTS: Array = np.array([0.5 * (_NODES + 1.0), 0.5 * _GAUSS])
-#: A turning point is sought from points of this share of the largest |X|, in so many steps.
+#: A turning point is sought next to points above this share of the largest |X|, in this number of
+#: steps.
 _NEAR_LARGEST, _NEWTON_STEPS = 0.98, 6
 
 #: Columns of the equations of motion in flights, X'' = push + share F - 2 decay X' - square X with
@@ -53,27 +54,27 @@ _SERIES_X, _SERIES_FORCE, _SERIES_SHARE = range(3)
 #: A series to be written.
 NO_SERIES: Array = np.zeros((3, TERMS))
 NO_SERIES[_SERIES_SHARE] = [1.0 / ((n + 1) * (n + 2)) for n in range(TERMS)]
-#: What adds up: time, X, X^2, works of the force, of the active force and of the dashpot, J; b,
-#: b^2, X b, X''^2 and b''^2; and the largest |X|.
+#: Sums over flights: time, X, X^2, works of the force, of the active force and of the dashpot, J;
+#: b, b^2, X b, X''^2 and b''^2; and the largest |X|.
 (SUM_TIME, SUM_X, SUM_SQUARES, SUM_FORCE, SUM_ACTIVE, SUM_DASHPOT, SUM_BASE) = range(7)
 SUM_LARGEST = 11
 
 
 class Integrals(NamedTuple):
-    """What adds up over flights; energies in J."""
+    """Sums over flights; energies in J."""
 
     covered: float  # time, s
-    total: float  # of X, m s
-    squares: float  # of X^2, m^2 s
+    total: float  # integral of X, m s
+    squares: float  # integral of X^2, m^2 s
     force: float  # work of force and base; NaN if their phase is not known, as the next two
-    active: float  # the part of it that is work of the active force
+    active: float  # the part that is work of the active force
     dashpot: float
     friction: float
     air: float
     both: float  # kinetic energy that M and m together lost in the events that end flights
-    impact_energy: float  # that M lost in impacts; part of it is given to m
-    impact_loss: float  # that both lost in them
-    # Of a moving base, as of `Moments`; 0 of one at rest
+    impact_energy: float  # energy that M lost in impacts; m receives part of it
+    impact_loss: float  # energy that both lost in impacts
+    # Sums of a moving base, as in `Moments`; 0 for one at rest
     base: float = 0.0
     base_squares: float = 0.0
     base_product: float = 0.0
@@ -87,7 +88,7 @@ class Integrals(NamedTuple):
 
     @property
     def transmissibility(self) -> Transmissibility:
-        """How much M took up of the motion of its base, over whole periods."""
+        """Transmissibility from the base to M, over whole periods."""
         return Transmissibility.of_moments(
             Moments(self.covered, self.total, self.squares, *self[-5:])
         )
@@ -246,7 +247,7 @@ def integrate_flights(
     sums: Any,
 ) -> int:
     """
-    Add up what flights contribute to the `sums`; return their number.
+    Add the integrals over flights to the `sums`; return the number of flights.
 
     `fastest` is the circular frequency of the fastest oscillation, rad/s, `damping` that of the
     dashpot, N s/m, and `shaken` whether a base moves.
@@ -287,7 +288,7 @@ def integrate_flights(
                         flight, lines, since + points[0, k] * span
                     )
                     slip = speed - base_speed
-                    # What the base does beside the force that stands for it: it drags the dashpot
+                    # The motion of the base also changes the rate of the dashpot.
                     sums[SUM_FORCE] += weight * damping * (slip * slip - speed * speed)
                     rate = law[LAW_PUSH] + law[LAW_SHARE] * force
                     rate -= 2.0 * law[LAW_DECAY] * speed + law[LAW_SQUARE] * here

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The laws of the flights of m as a linear regression.
+The equations of the flights of m as a linear regression.
 
 After impact i m has the velocity z = v_i + alpha_i J_i - (M/m) J_i, where v is the velocity of M
 before an impact, J its jump there, and alpha = (M + m)/(m (1 + R)). It reaches the next impact e
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 def flight_regressors(time: Array, jump: Array, stop: NDArray[Any], slides: NDArray[Any]) -> Array:
     """
-    Return the factors of the unknowns in the laws of the flights between neighbouring impacts.
+    Return the factors of the unknowns in the equations of flights between neighbouring impacts.
 
     Parameters
     ----------
@@ -37,8 +37,9 @@ def flight_regressors(time: Array, jump: Array, stop: NDArray[Any], slides: NDAr
     Returns
     -------
     ndarray, shape (n, 2, 4)
-        Of each flight, of the law of velocities (m/s) and of that of places (m): the factors of
-        alpha of the first and of the second impact, of f and of d. All else is on the other side.
+        For each flight, in the equation of velocities (m/s) and in that of places (m): the factors
+        of alpha of the first and of the second impact, of f and of d. All other terms are on the
+        other side.
     """
     span = np.diff(time)
     none = np.zeros(len(span))

@@ -48,7 +48,7 @@ class Machine(NamedTuple):
     lines: list[Line]
 
 
-# A search needs them for each guess
+# A search needs the constants for each guess.
 @lru_cache(maxsize=64)
 def machine_of(parameters: RigParameters) -> Machine:
     """Return the constants of a rig, which must not be changed."""
@@ -72,7 +72,7 @@ class Flight:
 
     @property
     def moving(self) -> Moving:
-        """What kernels of the motion are given."""
+        """The argument of the kernels of the motion."""
         return Moving(*self.machine, self.run, self.waves, [])
 
     def motion(self, tau: float) -> Motion:
@@ -116,9 +116,9 @@ def flight_at(
     Return the flight from a state on the force's clock (s).
 
     `beyond` is Y - d/2, the way m has gone beyond stop 1: not positive, and exact near the
-    stop of a one-sided rig, whose gap is meaningless. It and Y' do not count where `resting`
-    is `STICK`, `REST_1` or `REST_2`; 0 says that m moves. `last_stop` is 0 if none was hit
-    yet. `angles` are those of the harmonics at instant 0, if these are not their phases.
+    stop of a one-sided rig, whose gap is meaningless. `beyond` and Y' do not count where `resting`
+    is `STICK`, `REST_1` or `REST_2`; with 0 m moves. `last_stop` is 0 if none was hit yet.
+    `angles` are those of the harmonics at instant 0, if they are not the phases.
     """
     constants, lines = machine
     half = constants.half_gap
@@ -166,8 +166,8 @@ def flight_at_impact(
     """
     Return the flight from a stop, at an instant of the force's clock, s.
 
-    Without relative velocity, as after a plastic impact, m rests there or leaves, as the forces
-    say.
+    Without relative velocity, as after a plastic impact, the forces decide whether m rests or
+    leaves.
     """
     relative = damper_velocity - velocity
     beyond = 0.0 if stop == 1 else -2.0 * machine.constants.half_gap

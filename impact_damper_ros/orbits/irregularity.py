@@ -2,10 +2,9 @@
 """
 Motions that do not repeat: quasi-periodic, chaotic, or not settled.
 
-Besides the largest Lyapunov exponent, a test uses values taken once in a cycle: that of weighted
-averages [1]_ compares the averages over both halves of a motion, with weights that vanish smoothly
-at the ends. For a quasi-periodic motion they agree to ever more digits, for a chaotic one as badly
-as random numbers.
+Besides the largest Lyapunov exponent, a test uses values taken once in a cycle: weighted averages
+[1]_ over both halves of a motion, with weights that vanish smoothly at the ends. For a
+quasi-periodic motion they agree to ever more digits, for a chaotic one as badly as random numbers.
 
 References
 ----------
@@ -22,16 +21,15 @@ import numpy as np
 from .recurrence import MotionKind
 from .response import Array
 
-#: A motion is chaotic if the exponent is so many standard errors above zero, a deviation grows by
-#: more than e to this power over the time measured, and the weighted averages are apart by more
-#: than this.
+#: Thresholds of a chaotic motion: standard errors of the exponent above zero, growth of a
+#: deviation over the time measured, as a power of e, and difference of the weighted averages.
 CERTAIN_ERRORS, CERTAIN_GROWTH, IRREGULAR_SPREAD = 5.0, 10.0, 3e-3
-#: It is quasi-periodic if a deviation has neither grown nor shrunk by more than e to this power,
-#: the exponent is no more than so many standard errors from zero, and the averages are closer.
+#: Thresholds of a quasi-periodic motion: largest growth or shrinkage of a deviation, as a power of
+#: e, standard errors of the exponent from zero, and difference of the averages.
 BOUNDED_GROWTH, DOUBTFUL_ERRORS, REGULAR_SPREAD = 2.0, 3.0, 1e-3
-#: Values from which on the weighted averages mean something.
+#: Least number of values for weighted averages.
 LEAST_VALUES = 300
-#: Most cycles that are named as needed for a decision.
+#: Largest number of cycles that is recommended for a decision.
 _MOST_FORETOLD = 1_000_000
 _CONSTANT = 1e-6
 
@@ -43,7 +41,7 @@ class Indications:
     #: Largest Lyapunov exponent, and its standard error, per cycle of the force.
     exponent: float
     error: float
-    cycles: int  # on which they were measured
+    cycles: int  # number of cycles on which they were measured
     #: Difference of the weighted averages; NaN if there are too few values.
     spread: float = math.nan
 
@@ -67,7 +65,7 @@ class Indications:
 
     def kind(self) -> MotionKind:
         """Return the kind of the motion: chaotic or quasi-periodic only if both tests agree."""
-        # Of too few values nothing is known but the exponent
+        # With too few values only the exponent is known.
         if self.grows and not self.spread <= IRREGULAR_SPREAD:
             return MotionKind.CHAOTIC
         if self.neutral and self.spread < REGULAR_SPREAD and self.cycles >= LEAST_VALUES:
@@ -75,7 +73,7 @@ class Indications:
         return MotionKind.UNDECIDED
 
     def cycles_to_decide(self) -> int:
-        """Return after how many cycles in all the exponent should be certain; 0 if not known."""
+        """Return how many cycles in all should make the exponent certain; 0 if unknown."""
         if self.exponent <= DOUBTFUL_ERRORS * self.error:
             return 0
         certain = self.cycles * (CERTAIN_ERRORS * self.error / self.exponent) ** 2
@@ -87,9 +85,9 @@ def average_spread(section: Array) -> float:
     """
     Return the largest difference of weighted averages over two halves of a motion.
 
-    The section (n, m) holds the motion once in a cycle. Averaged are each quantity, its cosine
-    and the sine of its double, scaled to the standard deviation 1. NaN with fewer than
-    `LEAST_VALUES`.
+    The section (n, m) holds the motion once in a cycle. The averages are of each quantity, its
+    cosine and the sine of its double, scaled to the standard deviation 1. The result is NaN with
+    fewer than `LEAST_VALUES` values.
     """
     half = len(section) // 2
     if len(section) < LEAST_VALUES:
@@ -109,7 +107,7 @@ def quiet_phase(phases: Array) -> float:
     """
     Return the middle of the widest gap between the phases of impacts, in cycles, in [0, 1).
 
-    `average_spread` needs values taken there: where impacts fall they jump, and their averages
+    `average_spread` needs values at that phase: near impacts they jump, and their averages
     converge slowly.
     """
     if not len(phases):

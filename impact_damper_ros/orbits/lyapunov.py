@@ -71,7 +71,7 @@ def carry_by_flight(law: Any, mode: int, span: float, columns: Any) -> None:
         else:
             columns[U, c] = 0.0
         if mode > STICK:
-            # A stop leaves m no deviation
+            # m resting on a stop has no deviation.
             columns[Y, c] = 0.0
 
 
@@ -92,9 +92,10 @@ def carry_by_event(matrix: Any, columns: Any) -> None:
 @kernel
 def scaled_down(columns: Any, rate: float) -> float:
     """
-    Divide deviations by their size, and return its logarithm; -inf if there is none left.
+    Divide deviations by their size, and return its logarithm; -inf for the size 0.
 
-    It is that of (X, X', Z, Z'); `rate` (rad/s) makes displacements comparable with velocities.
+    The size is that of (X, X', Z, Z'); `rate` (rad/s) makes displacements comparable with
+    velocities.
     """
     size = 0.0
     for c in range(columns.shape[1]):
@@ -131,8 +132,8 @@ def carry_deviations(
     """
     Carry deviations through parts of a stretch, given their ends; write each, and its growth.
 
-    They are scaled to the size 1 (`scaled_down`), and `growth` is the logarithm of what they would
-    be. They begin each part `anew` as unit vectors, or go on from the one before.
+    The deviations are scaled to the size 1 (`scaled_down`), and `growth` is the logarithm of the
+    factor. They begin each part `anew` as unit vectors, or continue from the part before.
     """
     now = start
     times = rows['time']
@@ -170,7 +171,7 @@ def carry_deviations(
 @dataclass(frozen=True)
 class Deviations:
     """
-    What carries deviations of (X, X', Y, Y') through a part of a run.
+    The flights and events that carry deviations of (X, X', Y, Y') through a part of a run.
 
     The run, whose rows have modes, may begin before the part and reach beyond it.
     """
@@ -215,16 +216,17 @@ def growth_exponent(along: Deviations, omega: float) -> Exponent:
     """
     Return the largest Lyapunov exponent from the growth of one deviation.
 
-    The mean growth of its logarithm over the last 20 of 21 parts of the stretch; in the first
-    part the deviation turns into the direction that grows most. The uncertainty is half of the
-    95 % interval of the mean of these parts. `omega` (rad/s) makes velocities comparable with
-    displacements.
+    The exponent is the mean growth of the logarithm over the last 20 of 21 parts of the stretch;
+    in the first part the deviation turns into the direction that grows most. The uncertainty is
+    half of the 95 % interval of the mean of these parts. `omega` (rad/s) makes velocities
+    comparable with displacements.
     """
     ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
     ends[-1] = along.end
-    # Neither symmetric nor along an axis, so that it has a part in every direction
+    # The deviation is neither symmetric nor along an axis, so that it has a part in every
+    # direction.
     vector = np.array([0.6 / omega, 0.3, -0.5 / omega, 0.55])
-    # Y and Y' are relative to X and X'
+    # Y and Y' are relative to X and X'..
     vector[[Y, U]] -= vector[[X, V]]
     _, growth = along.carry(ends, vector[:, None], omega)
     if growth.min() == -math.inf:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The motion in flights and events as it changes: rates of the state, and what carries deviations.
+Rates of the state in flights and at events, and the matrices that carry deviations.
 
 The state is (X, X', Y, Y'). A flight carries deviations at a fixed instant by its free vibration.
 An event at a surface h = 0 carries them by its saltation matrix
@@ -44,7 +44,7 @@ X, V, Y, U = range(4)
 
 def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple[Array, Array]:
     """
-    Return X' and Y' on one side of events, that is in flights which may be joint ones.
+    Return X' and Y' on one side of events, in flights that may be joint ones.
 
     In the rest of a chatter, whose impacts are not resolved, both move at their common velocity.
     """
@@ -83,10 +83,9 @@ def write_event_matrix(
     Write the matrix that carries deviations through the event of a row.
 
     The forces are those on M, N, and the laws those of all flights. Rows of the matrix beyond the
-    fourth are room for the rates before and after. At an event that is no
-    impact, the relative velocity becomes zero. What happens at its own time does not move with a
-    deviation; where m was held, its relative acceleration is zero, and a deviation does not move
-    the instant either.
+    fourth are room for the rates before and after. At an event that is no impact, the relative
+    velocity becomes zero. A deviation does not move an event whose time does not depend on the
+    state, nor one where m stuck or rested: its relative acceleration is zero there.
     """
     kind = rows['kind'][k]
     impact = kind == IMPACT
@@ -95,7 +94,7 @@ def write_event_matrix(
     if impact:
         restitution = constants.restitution_1 if rows['stop'][k] == 1 else constants.restitution_2
         if laws[k, LAW_MOVES] == 0.0:
-            # Plastic, or the cut of a chatter: all the impacts to come are one
+            # A plastic impact, or the cut of a chatter, where all further impacts count as one.
             restitution = 0.0
         approach = rows['damper_velocity_before'][k] - rows['primary_velocity_before'][k]
         _, slope = bounce(constants, restitution, abs(approach))
@@ -111,7 +110,7 @@ def write_event_matrix(
             relative = rows['damper_velocity_after'][k] - velocity
         law = laws[k - 1 + side]
         if law[LAW_MOVES] == 0.0:
-            # In the rest of a chatter, whose impacts are not resolved, both have one velocity
+            # In the rest of a chatter, whose impacts are not resolved, both have one velocity.
             velocity += constants.share * relative
         write_rates(law, matrix[4 + side], force, rows['x'][k], velocity, relative)
     before = matrix[4]

@@ -77,14 +77,14 @@ class Node(NamedTuple):
     """An event of a periodic motion."""
 
     kind: EventKind  # impact, reversal, stick or release
-    stop: int  # that m hits or leaves, or 0
-    #: Of the motion after it; `CHATTER_1` or `CHATTER_2` stands for the last bounces and the rest
-    #: after them.
+    stop: int  # the stop that m hits or leaves, or 0
+    #: Mode of the motion after the node; `CHATTER_1` or `CHATTER_2` stands for the last bounces
+    #: and the rest after them.
     mode: int
 
     @property
     def resting(self) -> int:
-        """The mode `STICK`, `REST_1` or `REST_2` after it, or 0 if m moves relative to M."""
+        """The mode `STICK`, `REST_1` or `REST_2` after the node, or 0 if m moves relative to M."""
         if self.mode < STICK:
             return 0
         return self.mode if self.mode < CHATTER_1 else self.mode - CHATTER_1 + REST_1
@@ -94,7 +94,7 @@ def impact_nodes(stops: Sequence[int]) -> tuple[Node, ...]:
     """
     Return the nodes of a motion of impacts only, in which friction keeps its sign.
 
-    Without friction as well, so that they are the same when it comes.
+    The nodes are the same without friction, so that a motion can be followed into friction.
     """
     modes = {0: FREE, 1: SLIDE_DOWN, -1: SLIDE_UP}
     later = [*stops[1:], stops[0]]
@@ -114,10 +114,10 @@ def last_stops(nodes: Sequence[Node]) -> NDArray[np.int64]:
 
 
 class _Layout(NamedTuple):
-    """What the nodes alone say: their rows, and which equations and unknowns count."""
+    """The layout by the nodes alone: their rows, and the equations and unknowns that count."""
 
     nodes: list[NodeRow]
-    rows: Any  # the same for kernels
+    rows: Any  # the rows for kernels
     places: NDArray[np.int64]
     unknowns: int
 
@@ -128,7 +128,7 @@ def _upwards(before: Node, node: Node) -> bool:
 
 
 def _counting(node: Node) -> tuple[list[bool], list[bool]]:
-    """Return which equations and which unknowns of a node count."""
+    """Return masks of the equations and of the unknowns of a node that count."""
     impact, release = node.kind is EventKind.IMPACT, node.kind is EventKind.RELEASE
     moving = impact and not node.resting
     way = not (release and node.stop)
@@ -188,7 +188,7 @@ def _moving(harmonics: int, one_sided: bool) -> Moving:
 
 
 def parameter_numbers(parameters: RigParameters) -> Array:
-    """Return the numbers of a rig, as the kernels have them."""
+    """Return the numbers of a rig in the order of the kernels."""
     numbers = [getattr(parameters, name) for name in NUMBERS]
     for line in zip(*parameters.harmonics, strict=True):
         numbers += line
@@ -238,7 +238,7 @@ class PeriodicProblem:
         self.rig[:] = rig
         self.units[:CONTACTS] = self.length, self.length * parameters.omega, cycles
 
-    # Views made when asked for: in an object that another process sent they would be copies.
+    # The views are made at each call: in an object from another process they would be copies.
     @property
     def rig(self) -> Array:
         """The numbers of the rig."""
@@ -253,12 +253,12 @@ class PeriodicProblem:
 
     @property
     def units(self) -> Array:
-        """The units of the unknowns, the cycles, and what of the path is known."""
+        """The units of the unknowns, the cycles, and a mark of the path."""
         row: Array = self.arrays.sheet[UNITS]
         return row
 
     def matrix(self, number: int) -> Array:
-        """Return a matrix by the unknowns and the parameter, as the kernels have it."""
+        """Return a matrix by the unknowns and the parameter, as a view of the sheet."""
         size = len(self.place)
         first = ROWS + number * size
         matrix: Array = self.arrays.sheet[first : first + size, :size]
@@ -279,7 +279,7 @@ class PeriodicProblem:
         return answer
 
     def set_path(self, start: Array, slope: Array) -> None:
-        """Let a path of rigs be given by the last unknown: numbers where it is 0, and slopes."""
+        """Set the path of rigs along the last unknown: numbers where that is 0, and slopes."""
         self.arrays.sheet[PATH, : len(start)], self.arrays.sheet[SLOPE, : len(slope)] = (
             start,
             slope,
@@ -302,11 +302,11 @@ class PeriodicProblem:
         return values
 
     def solve(self, states: Array, instants: Array) -> Solution | None:
-        """Return the solution that Newton's method leads to from a guess, if it does."""
+        """Return the solution to which Newton's method converges from a guess, or None."""
         return self.solve_from(self.unknowns(states, instants))
 
     def solve_from(self, place: Array) -> Solution | None:
-        """Return the solution that Newton's method leads to from a place, if it does."""
+        """Return the solution to which Newton's method converges from a place, or None."""
         self.place[:-1] = place
         if not self.compute(SOLVE, True, _LEAST_RESIDUAL, RESIDUAL_TOLERANCE)[0]:
             return None
@@ -337,9 +337,9 @@ class Solution:
     parameters: RigParameters
     cycle: float  # of the force, s
     table: Array  # the flights, as `closed_flights` has them
-    residual: float  # the largest, relative to the displacements
+    residual: float  # the largest residual, relative to the displacements
     history: tuple[float, ...]  # the residual before each Newton step and at the end
-    multipliers: tuple[complex, ...]  # four; those that belong to sticking or rest are zero
+    multipliers: tuple[complex, ...]  # four; sticking and rest make some of them zero
     viable: bool
     x_max: float
 
@@ -362,7 +362,7 @@ class Solution:
 
     @property
     def reason(self) -> str:
-        """Why the rig cannot perform it; empty if it can."""
+        """Why the rig cannot perform the motion; empty if it can."""
         return '' if self.viable else why_not_viable(self.problem.layout.nodes, self.table)
 
 

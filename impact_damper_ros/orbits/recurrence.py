@@ -2,11 +2,11 @@
 """
 Recognition of motion that repeats, on a Poincaré section.
 
-A motion is compared with itself some cycles of the force earlier. It is given by its states on a
-section: at its impacts, or once in each cycle (stroboscopic). Under a period that is the right one
-the distance of successive periods shrinks geometrically until the tolerance, or the rounding of
-the numbers hides it. A small distance alone is not enough: a chaotic motion returns close to
-itself now and then.
+A motion is compared with itself some cycles of the force earlier. Its states are taken on a
+section: at its impacts, or once in each cycle (stroboscopic). With the right period the distance
+of successive periods shrinks geometrically until the tolerance or the rounding of the numbers
+hides it. A small distance alone is not enough: a chaotic motion returns close to itself now and
+then.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ NEAR = 1e-3
 # that takes 2 k cycles dies out more slowly than it turns. Where k cycles already repeat to
 # within so many tolerances, or this number, 2 k do not count at all.
 _BETTER, _NEARLY, _NEARLY_AT_MOST = 1e-2, 1e3, 1e-5
-# Farther apart, two periods are not compared; nor are levels of shorter periods so large.
+# Periods farther apart than this are not compared, and larger levels of shorter periods do not
+# count.
 _SAME, _RECOGNISED = 0.3, 1e-2
-# What round-off leaves, in floors; and where it hides a decay.
+# Distance that round-off makes, in floors; and distance below which it hides a decay.
 _FLOORS, _DECAY_ROUND_OFF = 10.0, 1e-9
-# Periods that a motion approaches: by how much the distance shrinks from one third of them to the
-# next, and how many of them with which distance.
+# Periods that a motion approaches: factor by which the distance shrinks from one third of them to
+# the next, and the least number and distance of them.
 _SHRINKS, _FEW, _MANY, _APPROACHING, _CLOSE = 0.7, 6, 18, 0.3, 0.1
 
 
@@ -55,20 +56,20 @@ class MotionKind(Enum):
     AT_REST = 'at rest'
     #: M moves, m hits no stop.
     NO_IMPACTS = 'without impacts'
-    #: On its way to a periodic motion, or to one without impacts.
+    #: The motion settles to a period, or to a motion without impacts.
     TRANSIENT = 'transient'
     PERIODIC = 'periodic'
-    #: These two by the thresholds of `irregularity`.
+    #: The next two kinds follow from the thresholds of `irregularity`.
     QUASI_PERIODIC = 'quasi-periodic'
     CHAOTIC = 'chaotic'
     #: The evidence does not determine the kind.
     UNDECIDED = 'undecided'
-    #: Under a force, or a control, that never repeats.
+    #: The force, or the control, never repeats.
     NOT_PERIODICALLY_DRIVEN = 'not periodically driven'
 
 
 def nearest_return(states: Array, longest: int = LONGEST_PERIOD) -> Array:
-    """Return how near the last of some states (..., n, m) is to one up to `longest` before it."""
+    """Return the least distance of the last state (..., n, m) from `longest` before it."""
     apart = np.abs(states[..., -1 - longest : -1, :] - states[..., -1:, :]).max(axis=-1)
     nearest: Array = apart.min(axis=-1)
     return nearest
@@ -77,18 +78,18 @@ def nearest_return(states: Array, longest: int = LONGEST_PERIOD) -> Array:
 @dataclass(frozen=True)
 class Section:
     """
-    States of a motion in a row, for comparison with those a period earlier.
+    Consecutive states of a motion, for comparison with those a period earlier.
 
     Attributes
     ----------
     phase : ndarray, shape (n,)
-        Their instants in cycles of the force, from any zero.
+        Instants of the states in cycles of the force, from any zero.
     stop : ndarray, shape (n,)
-        The stop hit there, or 0.
+        The stop hit at each, or 0.
     states : ndarray, shape (n, m)
         Quantities that are compared, relative to the size of the motion.
     length, speed : float
-        What displacements (m) and velocities (m/s) have been divided by.
+        Divisors of displacements (m) and velocities (m/s).
 
     Examples
     --------
@@ -123,8 +124,8 @@ class Section:
         *velocities : array_like, shape (n,)
             Velocities that are compared too, such as those after the impacts, m/s.
         length : float, optional
-            Size of X, m; the largest |X| of the second half, if not given. That of the
-            velocities is theirs.
+            Size of X, m; the largest |X| of the second half, if not given. The size of the
+            velocities is their largest.
         """
         place = np.asarray(x, float)
         late = slice(len(place) // 2, None)
@@ -145,7 +146,7 @@ class Section:
         return len(self.phase)
 
     def rows_in(self, cycles: int) -> int:
-        """Return how many rows before the last one the nearest to a period before it is."""
+        """Return the number of rows in a period, by the row nearest to a period before the end."""
         begin = self.phase[-1] - cycles
         return len(self) - 1 - int(np.abs(self.phase - begin).argmin())
 
@@ -203,12 +204,12 @@ class Period:
 
     @property
     def at_floor(self) -> bool:
-        """Whether the last periods are the same to within the rounding of their numbers."""
+        """Whether the last periods are equal to within the rounding of their numbers."""
         return self.level <= _FLOORS * self.floor
 
     @property
     def repeated(self) -> int:
-        """How many of the last periods agree with the one before to within the tolerance."""
+        """Number of the last periods that agree with the period before to within the tolerance."""
         far = np.flatnonzero(self.distance > max(self.tolerance, _FLOORS * self.floor))
         return len(self.distance) - (int(far[-1]) + 1 if len(far) else 0)
 
@@ -299,15 +300,16 @@ def find_period(
     Parameters
     ----------
     section : Section
-        Its states in a row; the last ones count.
+        Consecutive states of the motion; the last ones count.
     tolerance : float
         Distance below which two periods are the same, relative to the size of the motion and in
         cycles of the force.
     floor : float, optional
-        Distance that the rounding of the numbers alone makes; ten times that is no difference.
+        Distance that the rounding of the numbers alone makes; ten times this distance counts as
+        equal.
     near : float, optional
-        Distance of the last four periods up to which a period is returned that the motion
-        neither has reached nor certainly approaches.
+        Distance of the last four periods up to which a period is returned even if the motion has
+        neither reached nor certainly approaches it.
     longest : int, optional
         Longest period to look for, in cycles of the force.
 

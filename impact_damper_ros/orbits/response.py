@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-#: An angle, rad, to which no other adds anything.
+#: An angle, rad, beyond which others make no difference.
 _RESONANT = 1e-100
-#: Where M loses this much of a free vibration, in powers of e, nothing is left of it.
+#: Decay of a free vibration, in powers of e, after which it counts as zero.
 _LOST = 500.0
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ def unit_response(
     decay: Array | float, damped: Array | float, spans: Array
 ) -> tuple[Array, Array, Array]:
     """
-    Return what X is after spans (s) from a unit X, less 1, and what X and X' are from a unit X'.
+    Return X after spans (s) from a unit X, less 1, and X and X' from a unit X'.
 
     Nothing cancels in short spans.
     """
@@ -45,7 +45,7 @@ def forced_response(
     parts = []
     for eigenvalue, factor in ((root, free), (root.conjugate(), free.conjugate())):
         apart = drive - eigenvalue
-        # So close to resonance, the quotient is the same; its parts may be no floats.
+        # So close to resonance the quotient is the same, and its parts may not be finite.
         close = np.abs(apart) < _RESONANT
         grown = factor * np.expm1(apart * near)
         if (near != spans).any():

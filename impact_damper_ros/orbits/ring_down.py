@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Ring-down: a rig that is released and left alone, and what it loses in each cycle.
+Ring-down: a rig that is released, and its loss of energy in each cycle.
 
 The energy E = M V^2/2 is that of M at the upward passages of X through the middle, whose instants
 are roots of the closed motion. Of two neighbouring ones
 
     Psi = 1 - E_next/E,   loss factor Psi/(2 pi),   zeta = -ln(V_next/V)/(2 pi).
 
-The dashpot alone loses 1 - exp(-4 pi zeta/eta) of the energy in each cycle; what is left is the
-damper's part.
+The dashpot alone loses 1 - exp(-4 pi zeta/eta) of the energy in each cycle; the damper causes the
+rest.
 
 References
 ----------
@@ -43,13 +43,13 @@ RELEASES = 20
 END_SHARE = 0.01
 #: Damping ratio above which the dashpot alone leaves less than that of the first cycle.
 _MOST_ZETA = 1.0 / math.hypot(1.0, math.tau / math.log(END_SHARE))
-#: ... or after so many cycles.
+#: Most cycles of a ring-down.
 MOST_CYCLES = 2000
-#: Upward passages of a recorded one, at least.
+#: Fewest upward passages of a recorded ring-down.
 _LEAST_PASSAGES = 3
 _CYCLES_AT_ONCE = 50
 _STEPS_PER_CYCLE = 32
-#: Cycles of which the median and the quantiles are taken together, at least, of many releases.
+#: Least number of cycles for a median and quantiles, with many releases.
 _LEAST_IN_BIN = 10
 
 
@@ -70,7 +70,7 @@ class Cycles:
     velocity: Array
 
     def __repr__(self) -> str:
-        """Return how many there are, and from which velocity on."""
+        """Return the number of cycles and the first velocity in a line."""
         first = f' from {self.velocity[0]:.6g} m/s' if len(self.velocity) else ''
         return f'<Cycles: {len(self.loss)}{first}>'
 
@@ -94,7 +94,7 @@ class Cycles:
 
 
 def middle_of(parameters: RigParameters) -> float:
-    """Return about which X a ring-down vibrates: M carries the weight of m, on average, m."""
+    """Return the mean X of a ring-down, m: on average M carries the weight of m."""
     weight = parameters.damper_mass * parameters.gravity * math.sin(parameters.angle)
     return weight / parameters.stiffness
 
@@ -125,7 +125,7 @@ def release_start(parameters: RigParameters, amplitude: float, phase: float) -> 
     Return the start of a ring-down: m is let go at a phase of a vibration of M that carries it.
 
     The phase counts from the largest X. m starts in the middle of the gap, or on the stop to which
-    its weight presses it.
+    its weight presses m.
     """
     weight = parameters.gravity * math.sin(parameters.angle)
     grip = parameters.friction * parameters.gravity * math.cos(parameters.angle)
@@ -202,16 +202,16 @@ class RingDown:
 
     @property
     def dashpot_loss(self) -> float:
-        """Share of the energy that the dashpot alone takes in each cycle."""
+        """Share of the energy that the dashpot alone dissipates in each cycle."""
         return -math.expm1(-2.0 * math.tau * self.parameters.zeta / self.parameters.eta)
 
     @property
     def bound(self) -> float:
         """
-        Psi of two impacts per cycle at X = 0, the largest of small losses.
+        Psi of two impacts per cycle at X = 0, the largest loss where losses are small.
 
-        8 mu/(1 + mu) (1 + R)/(1 - R) with the mean R, plus the dashpot's; infinite for elastic
-        stops.
+        It is 8 mu/(1 + mu) (1 + R)/(1 - R) with the mean R, plus the loss of the dashpot; infinite
+        for elastic stops.
         """
         p = self.parameters
         mean = 0.5 * (p.restitution_1 + p.restitution_2)
@@ -262,7 +262,7 @@ class RingDown:
         return dict(zip(names, np.array(rows).reshape(-1, len(names)).T, strict=True))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the curve over amplitude and what it is beside, for JSON."""
+        """Return the curve over amplitude, and its references, for JSON."""
         return {
             'amplitude': self.amplitude,
             'releases': len(self.runs),
@@ -280,18 +280,18 @@ def is_free(parameters: RigParameters) -> bool:
 
 def recorded_ring_down(flights: Flights) -> RingDown | None:
     """
-    Return the ring-down that flights without force are; None if M does not swing.
+    Return the ring-down of flights without force; None if M does not swing.
 
     Parameters
     ----------
     flights : Flights
-        The motion, from the moment at which the rig was left alone.
+        The motion from the release on.
 
     Returns
     -------
     RingDown or None
-        One run, whose first amplitude is that of the first upward passage; it ends as that of
-        `ring_down` does.
+        One run, whose first amplitude is that of the first upward passage; it ends by the rule of
+        `ring_down`.
     """
     if flights.drive is None or not is_free(flights.rig) or flights.active.any():
         return None

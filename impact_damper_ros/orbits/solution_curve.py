@@ -74,7 +74,7 @@ from .solved_orbits import Guess, guess_on, orbit_of
 
 #: A name for both coefficients of restitution at once.
 BOTH_RESTITUTIONS = 'restitution'
-#: The reciprocal of `restitution_speed`, s/m: from 0, a constant restitution, on.
+#: The reciprocal of `restitution_speed`, s/m: 0 is a constant restitution.
 SLOWNESS = 'restitution_slowness'
 # Multisine and sweep have no periodic motion.
 _VARIABLE = [
@@ -185,7 +185,7 @@ def range_of(path: Path, low: float | str, high: float | str) -> tuple[float, fl
 
 @dataclass(frozen=True)
 class Steps:
-    """What varies along a branch, within which bounds, and in which steps; see `follow`."""
+    """The parameter that varies along a branch, its bounds, and the steps; see `follow`."""
 
     path: Path
     low: float
@@ -272,19 +272,19 @@ class Steps:
         return self.low <= value <= self.high
 
 
-#: Rows of a trace: not too many steps for Ctrl-C.
+#: Rows of a trace: few enough steps for Ctrl-C.
 _ROWS = 64
 _AT_BOUND = 1e-12
-#: Change of a parameter over its scale by which numbers of a rig are differentiated, where they
-#: are no parameters themselves, and the error of the parameter at which they are taken.
+#: Change of a parameter, over its scale, by which numbers of a rig are differentiated that are no
+#: parameters themselves, and error of the parameter at which they are taken.
 _CHANGE, _TAKEN = 1e-6, 1e-12
 _MOST_LOOKS = 12
-#: How often special points are located anew on a path of rigs that is no straight line.
+#: Number of times that special points are located anew on a curved path of rigs.
 _AGAIN = 3
 
 
 def _own_numbers(name: str, parameters: RigParameters) -> list[int]:
-    """Return where a parameter is among the numbers of a rig; none if they depend on it."""
+    """Return the places of a parameter among a rig's numbers; none if it acts otherwise."""
     if name == BOTH_RESTITUTIONS:
         return [NUMBERS.index('restitution_1'), NUMBERS.index('restitution_2')]
     if name in NUMBERS:
@@ -380,8 +380,8 @@ class SolutionCurve:
     """
     Solution branch for a fixed sequence of nodes: of an orbit, a guess, or several periods.
 
-    They solve n equations in n unknowns and one parameter, which is the last coordinate, divided
-    by a scale.
+    Its points solve n equations in n unknowns and one parameter, which is the last coordinate,
+    divided by a scale.
     """
 
     def __init__(
@@ -430,9 +430,9 @@ class SolutionCurve:
 
     def is_performed(self, value: float) -> bool:
         """
-        Return whether motions that the rig cannot perform are left for those that it can.
+        Return whether the branch leaves motions that the rig cannot perform for those that it can.
 
-        The theory of impacts follows its solutions through, where it holds.
+        Where the theory of impacts holds, the branch follows its solutions instead.
         """
         numbers = self._numbers(value)
         grip = abs(numbers[FRICTION] * numbers[GRAVITY])
@@ -440,7 +440,7 @@ class SolutionCurve:
         return not (self._of_impacts and single and within_theory(grip, self.problem.stops))
 
     def value(self, place: Array) -> float:
-        """Return the parameter, that of a bound where only round-off is between."""
+        """Return the parameter; the bound itself where only round-off is between."""
         value = float(place[-1]) * self.scale
         bounds = self.along.bounds
         return next((b for b in bounds if abs(value - b) <= _AT_BOUND * self.scale), value)
@@ -457,18 +457,18 @@ class SolutionCurve:
         return Guess(left, np.delete(solution.states, pair, 0), np.delete(solution.instants, pair))
 
     def null_direction(self) -> Array:
-        """Return the unknowns' direction in which the equations change least at the start."""
+        """Return the direction of unknowns in which the equations change least at the start."""
         self._solve(self.start, np.append(np.zeros(len(self.start) - 1), 1.0), math.inf)
         by_unknowns = self.problem.matrix(BEST_DERIVATIVE)[:-1, :-1]
         return np.append(np.linalg.svd(by_unknowns)[2][-1], 0.0)
 
     def solution_at(self, point: BranchPoint) -> Solution:
-        """Return the solution at a point of the curve, with its residuals on the way there."""
+        """Return the solution at a point of the curve, with the residuals of its Newton steps."""
         self._solve(point.place, point.tangent, ENOUGH)
         return self.problem.solution(self._rig(point.value))
 
     def _lay_path(self, value: float) -> None:
-        """Let the path be the tangent to that of the rigs at a value."""
+        """Set the path as the tangent of the path of rigs at a value."""
         here, sides = parameter_numbers(self._rig(value)), []
         for move in (_CHANGE * self.scale, -_CHANGE * self.scale):
             try:
@@ -499,7 +499,7 @@ class SolutionCurve:
                 return False
             if self._own or abs(float(problem.place[-1]) - taken) <= _TAKEN:
                 return True
-            # In the same plane, nearer
+            # In the same plane, with a nearer guess
             aim[:] = problem.place
         return False
 
@@ -529,7 +529,7 @@ class SolutionCurve:
         """
         Step along the curve from a point on.
 
-        Returns the points, special ones among them, why the steps end, as
+        The results are the points, special ones among them, the reason for the end as in
         `arclength.step_along`, and the next step.
         """
         along, problem = self.along, self.problem
@@ -545,7 +545,7 @@ class SolutionCurve:
         step_after = float(trace[-1, 0])
         if self._own or not points:
             return points, ended, step_after
-        # From the tangent to the path of rigs to that itself
+        # From the tangent of the path of rigs to the path itself
         normal = problem.arrays.sheet[NORMAL, : len(here.place)].copy()
         point = self.correct(points[0].place, normal)
         if point is None or float(point.tangent @ here.tangent) < SHARPEST_TURN:
@@ -564,7 +564,7 @@ class SolutionCurve:
             return []
         self._lay_path(0.5 * (here.value + there.value))
         points = self._locate(here, there)
-        # Each again, where the path is tangent to that of the rigs there
+        # Each point is located again, with the tangent of the path of rigs there.
         for _ in range(_AGAIN):
             for k, point in enumerate(points):
                 self._lay_path(point.value)
@@ -604,7 +604,7 @@ class Piece(NamedTuple):
         return self.start.value, self.end.value
 
     def at(self, share: float) -> BranchPoint | None:
-        """Return the point where the chord between both has a normal plane."""
+        """Return the point of the curve in the plane across the chord, at a share of it."""
         chord = self.end.place - self.start.place
         length = float(np.linalg.norm(chord))
         if not 0.0 < share < 1.0 or length == 0.0:
@@ -612,7 +612,7 @@ class Piece(NamedTuple):
         return self.curve.correct(self.start.place + share * chord, chord / length)
 
     def at_value(self, value: float) -> BranchPoint | None:
-        """Return the point at a value of the parameter between those of both points."""
+        """Return the point at a value of the parameter between those of both ends."""
         from scipy.optimize import brentq
 
         begin, end = self.start.place[-1], self.end.place[-1]
@@ -625,7 +625,7 @@ class Piece(NamedTuple):
                 raise ArithmeticError('the corrector fails')
             return float(point.place[-1]) - there
 
-        # Towards a fold the curve leaves its chord: nearer then first
+        # Towards a fold the curve leaves its chord: nearer planes are then tried first.
         for _ in range(2):
             near = self.at(share)
             if near is None:

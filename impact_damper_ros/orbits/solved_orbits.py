@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-From guesses to periodic motions: the nodes are read from a run of the simulator, then solved.
+From guesses to periodic motions: nodes are read from a run of the simulator, and solved.
 
 Newton's method keeps the nodes. A solution that the rig cannot perform, since other events come
 between them, is followed with the simulator instead, and its events are the next nodes.
@@ -34,12 +34,12 @@ from .viability import LEFT
 
 #: Most events of a period.
 MOST_EVENTS = 2000
-#: How often the nodes are read anew where a solution turns out to have others.
+#: Number of times that the nodes are read anew if a solution has other nodes.
 _MOST_LOOKS = 3
 
 
 class Guess(NamedTuple):
-    """Nodes of a motion, and the states and instants there as `PeriodicProblem` has them."""
+    """Nodes of a motion, and their states and instants in the form of `PeriodicProblem`."""
 
     nodes: tuple[Node, ...]
     states: Array
@@ -54,7 +54,8 @@ def _read(events: Events, mode: int) -> dict[int, Node] | None:
     """
     Return the nodes among events that begin in a mode, by their rows.
 
-    None where a chatter ends without rest, or m comes to rest without an impact.
+    The result is The result is None where a chatter ends without rest, or m comes to rest without
+    an impact.
     """
     nodes: dict[int, Node] = {}
     kind = None
@@ -75,8 +76,8 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     """
     Return a guess of the periodic motion near that of a rig, which is run on.
 
-    It is at an instant of the force, s. The period begins within a flight, or within sticking or
-    rest if there is one, which forgets more of how far the motion still is from the periodic one.
+    The rig is at an instant of the force, s. The period begins within a flight, or within sticking
+    or rest if there is one, in which the distance from the periodic motion decays most.
     """
     start, first, here = rig.time, rig.mode, rig.sample()
     run = rig.run(start + period, most_events=MOST_EVENTS)
@@ -88,12 +89,12 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     modes = np.append(int(first), events['mode'])
     speeds = events['damper_velocity_after'] - events['primary_velocity_after']
     speeds = np.append(here.damper_velocity - here.primary_velocity, speeds)
-    # Resting first, then long and fast
+    # Resting flights first, then long and fast ones
     rests = np.isin(modes, (STICK, REST_1, REST_2))
     speeds = np.abs(np.where(modes < STICK, speeds, 0.0))
     longest = spans * np.where(rests.any(), rests, speeds)
     best = int(longest.argmax())
-    # In flight closer to its beginning, away from a reversal that may be half-way
+    # A period begins in the first part of a flight, away from a reversal that may be half-way.
     begin = begins[best] + spans[best] * (0.5 if rests[best] else 0.25)
     later = rig.run(begin + period, most_events=MOST_EVENTS)
     if later.outcome is not Outcome.COMPLETE:
@@ -121,7 +122,7 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
 
 
 def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 0.0) -> Rig:
-    """Return a rig just after the first impact of a motion, M faster before it by some m/s."""
+    """Return a rig just after the first impact of a motion, with a change of X' before it, m/s."""
     velocity = orbit.primary_velocity_before[0] + push
     damper_velocity = orbit.damper_velocity_before[0]
     there = flight_at_impact(
@@ -143,7 +144,7 @@ def flights_of(orbit: PeriodicOrbit) -> Flights:
 
 def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
     """
-    Return how much of the motion of its base M takes up in a periodic motion.
+    Return the transmissibility from the base to M in a periodic motion.
 
     Parameters
     ----------
@@ -153,7 +154,8 @@ def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
     Returns
     -------
     Transmissibility
-        Over one period; NaN for a base at rest, and for a motion that the rig cannot perform.
+        The ratios over one period; NaN for a base at rest, and for a motion that the rig cannot
+        perform.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def transmissibility(orbit: PeriodicOrbit) -> Transmissibility:
 
 
 def _guess_performed(orbit: PeriodicOrbit, parameters: RigParameters) -> Guess | None:
-    """Return a guess from what a rig does after the first impact of a motion."""
+    """Return a guess from a run of a rig after the first impact of a motion."""
     rig = after_impact(orbit, parameters)
     return guess_along(rig, orbit.instants[0], orbit.period)
 
@@ -192,8 +194,8 @@ def guess_on(orbit: PeriodicOrbit) -> Guess | None:
     """
     Return the nodes of a known motion, its first impact first.
 
-    Those of a motion with other events than impacts are read from the simulator; None if that
-    has too many.
+    The nodes of a motion with other events than impacts are read from the simulator; None if there
+    are too many events.
     """
     if not orbit.events:
         return _guess_of_impacts(orbit)
@@ -227,7 +229,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
     states, before = solution.states.tolist(), solution.before.tolist()
     share = rig.mass_ratio / (1.0 + rig.mass_ratio)
     impacts = [j for j, node in enumerate(nodes) if node.kind is EventKind.IMPACT]
-    # The whole periods before the first impact do not matter, and would cost digits; nor do its
+    # Whole periods before the first impact are left out, since they would cost digits; so are
     # whole cycles in the phases, under one harmonic.
     period = cycles * cycle
     early = period * math.floor(instants[impacts[0]] / period)
@@ -269,7 +271,7 @@ def orbit_of(solution: Solution) -> PeriodicOrbit:
 
 
 def solve_orbit(parameters: RigParameters, guess: Guess, cycles: int) -> PeriodicOrbit | None:
-    """Return the motion that Newton's method leads to from a guess, if the rig can perform it."""
+    """Return the motion to which Newton's method converges, if the rig can perform it."""
     reached = _solve(parameters, guess, cycles)
     return None if reached is None else reached[0]
 
@@ -277,7 +279,7 @@ def solve_orbit(parameters: RigParameters, guess: Guess, cycles: int) -> Periodi
 def _solve(
     parameters: RigParameters, guess: Guess, cycles: int
 ) -> tuple[PeriodicOrbit, Guess] | None:
-    """Return the same with its nodes, states and instants."""
+    """Return the motion of `solve_orbit` with its nodes, states and instants."""
     for _ in range(_MOST_LOOKS):
         solution = PeriodicProblem(parameters, guess.nodes, cycles).solve(*guess[1:])
         if solution is None:
@@ -293,7 +295,7 @@ def _solve(
 
 
 def _counted_as(orbit: PeriodicOrbit, other: PeriodicOrbit | None) -> PeriodicOrbit | None:
-    """Return a motion, begun at the impact that makes it most like another; None without one."""
+    """Return a motion, begun at the impact that matches another motion best; None without one."""
     turned = None if other is None else other.nearest_turn(orbit)
     return None if turned is None else turned[0]
 
@@ -312,10 +314,10 @@ def performed_near(
 
 def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit | None:
     """
-    Return the motion of another rig that Newton's method leads to from a motion.
+    Return the motion of another rig to which Newton's method converges from a motion.
 
-    It has the same stops in the same order; other events may have come or gone. None if there is
-    none nearby that the rig can perform.
+    It has the same stops in the same order; other events may have come or gone. The result is None
+    if no motion nearby can be performed.
     """
     guess = guess_on(orbit)
     other = None if guess is None else solve_orbit(parameters, guess, orbit.cycles)
@@ -325,17 +327,18 @@ def orbit_at(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrbit |
     return counted
 
 
-#: Angles of harmonics that differ by less, rad, differ by round-off.
+#: Difference of angles of harmonics, rad, below which it is round-off.
 _SAME_ANGLE = 1e-9
 
 
 def counted_from_zero(parameters: RigParameters, angles: Sequence[float]) -> RigParameters:
     """
-    Return a rig with the phases that its harmonics have when the angle of the first is zero.
+    Return a rig with the phases of its harmonics at the zero angle of the first.
 
     The periodic theory counts time from an instant at which all angles are zero; after a change of
-    frequencies on a live rig there may be none. `angles` are those of one instant, without the
-    phases, rad. The lines of a multisine, for which there is no periodic theory, stay as they are.
+    frequencies on a live rig there may be no such instant. `angles` are those of one instant,
+    without the phases, rad. The lines of a multisine, for which there is no periodic theory, stay
+    as they are.
     """
     back = (angles[0] % math.tau) / (parameters.first_harmonic[1] or math.inf)
     counted, first = {}, 0
@@ -366,7 +369,7 @@ def orbit_near(
     impact : Event
         The impact.
     phase : float
-        Its instant in cycles of the force since its zero angle.
+        Instant of the impact in cycles of the force since its zero angle.
     cycles : int
         Period in cycles of the force.
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Response over frequency: what M and its base do at each frequency of a stepped sine.
+Response over frequency: motion of M and its base at each frequency of a stepped sine.
 
 The motion in a step is taken from its second half, where a step lasts for some cycles; in a swept
-sine, whose steps are as short as a cycle, from all of it.
+sine, whose steps are as short as a cycle, from the whole step.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from .flight_arrays import Drive, Flights, row_of_rig
 from .response import Array
 from .transmissibility import dynamic_stiffness
 
-#: Points in a cycle at which the motion is looked at; a largest value is short by 3e-4 at most.
+#: Points in a cycle at which the motion is evaluated; a largest value is low by 3e-4 at most.
 _POINTS = 128
-#: Cycles from which on only the second half of a step counts.
+#: Least number of cycles of a step whose first half is left out.
 _SETTLES = 4.0
 #: Points that are computed at once.
 _MOST_POINTS = 2**18
@@ -46,12 +46,13 @@ class SweptResponse(NamedTuple):
     frequency : ndarray, shape (n,)
         Frequency of the swept line, rad/s.
     upwards : ndarray of bool, shape (n,)
-        Whether the frequency rises there; the highest one of a sweep up and down is of the way up.
+        Whether the frequency rises; the highest frequency of a sweep up and down belongs to the
+        way up.
     level : ndarray, shape (n,)
         Amplitude of the swept line: N, or in the unit of `base_quantity`.
     x, relative, acceleration : ndarray, shape (n,)
-        Largest abs(X), abs(X - b) and abs(X''), m and m/s^2. The blows of the impacts themselves,
-        in which X'' is infinite, are left out.
+        Largest abs(X), abs(X - b) and abs(X''), m and m/s^2. The impacts, in which X'' is
+        infinite, are left out.
     x_without, relative_without, acceleration_without : ndarray, shape (n,)
         Amplitudes of M alone under the swept line, settled.
     impacts : ndarray, shape (n,)
@@ -156,11 +157,11 @@ class SweptRun(Observer):
     Parameters
     ----------
     rig : Rig
-        The rig, where the run begins. Nothing else than the sweep changes it on the way.
+        The rig at the start of the run. Only the sweep changes it on the way.
     """
 
     def __init__(self, rig: Rig) -> None:
-        """Note where the rig is."""
+        """Note the state of the rig."""
         self._rig, self._sweep = rig, rig.sweep
         self._events: list[Event] = []
         state = rig.state()

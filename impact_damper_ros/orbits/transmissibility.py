@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Transmissibility: how much of the motion of its base a rig takes up."""
+"""Transmissibility of a rig on a moving base."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 
 def dynamic_stiffness(rig: RigParameters, rates: Any, mass: float | None = None) -> Any:
-    """Return that of spring, dashpot and a mass, M by default, at circular frequencies, N/m."""
+    """Return the dynamic stiffness of spring, dashpot and a mass (M by default), N/m."""
     inertia = (rig.primary_mass if mass is None else mass) * rates**2
     return rig.stiffness - inertia + 1j * rig.damping * rates
 
 
 class Moments(NamedTuple):
     """
-    Weighted sums over a motion and that of its base; those of consecutive parts add up.
+    Weighted sums over a motion and that of its base; sums of consecutive parts add up.
 
     Attributes
     ----------
@@ -60,10 +60,10 @@ class Transmissibility(NamedTuple):
     absolute : float
         rms X over rms b, each about its mean; X counts from a fixed place.
     relative : float
-        rms (X - b) over rms b: what the spring, and a strain gauge on it, see.
+        rms (X - b) over rms b, as a strain gauge on the spring measures it.
     acceleration : float
-        rms X'' over rms b'', what accelerometers on both see. The blows of the impacts themselves,
-        in which X'' is infinite, are left out.
+        rms X'' over rms b'', as accelerometers measure it. The impacts, in which X'' is infinite,
+        are left out.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class Transmissibility(NamedTuple):
 
     @classmethod
     def of_moments(cls, found: Moments) -> Transmissibility:
-        """Return that of a motion over whole periods."""
+        """Return the transmissibility of a motion over whole periods."""
         weight, x, x_squares, base, base_squares, product, own, shaken = found
         moved = weight * base_squares - base * base
         if not moved > 0.0:
@@ -97,17 +97,17 @@ class Transmissibility(NamedTuple):
     @classmethod
     def without_damper(cls, rig: RigParameters) -> Transmissibility:
         """
-        Return that of M alone, settled, in closed form.
+        Return the transmissibility of M alone, settled, in closed form.
 
-        Of one line, with r = W/omega: the absolute one is sqrt((1 + (2 zeta r)^2)/D) and the
-        relative one r^2/sqrt(D), where D = (1 - r^2)^2 + (2 zeta r)^2. A force that acts beside
-        the base is part of the motion. Infinite for an undamped rig at resonance.
+        For one line, with r = W/omega: the absolute one is sqrt((1 + (2 zeta r)^2)/D) and the
+        relative one r^2/sqrt(D), where D = (1 - r^2)^2 + (2 zeta r)^2. A force that acts, too, is
+        part of the motion. Infinite for an undamped rig at resonance.
         """
         base = rig.base_motion
         if not base.moves or rig.sweep_mode != 'off':
             return cls()
         pulls, shakes = _phasors(*rig.harmonics), _phasors(*base)
-        # What does not vibrate is no motion about the mean
+        # A constant is no motion about the mean.
         rates = np.array(sorted(rate for rate in {*pulls, *shakes} if rate))
         pull, shake = (np.array([lines[rate] for rate in rates]) for lines in (pulls, shakes))
         dynamic = dynamic_stiffness(rig, rates)
@@ -124,7 +124,7 @@ class Transmissibility(NamedTuple):
 def _phasors(
     sizes: Sequence[float], rates: Sequence[float], phases: Sequence[float]
 ) -> dict[float, complex]:
-    """Return lines by their frequency: those of one frequency add up."""
+    """Return lines by their frequency; lines of one frequency add up."""
     lines: dict[float, complex] = defaultdict(complex)
     for size, rate, phase in zip(sizes, rates, phases, strict=True):
         lines[rate] += cmath.rect(size, phase)

@@ -37,17 +37,17 @@ from impact_damper_ros.motion.state import FIRST_LINE, FREE, STICK, Moving
 
 from .closed_flights import CYCLES, END, FAULTS, RIG, SPAN, UNITS, NodeRow, Problem, begin_at
 
-#: How much earlier than assumed, as a share of the period, an impact counts as another one.
+#: An impact that is earlier than assumed by this share of the period is another one.
 _TIME_TOLERANCE = 1e-7
 _CYCLE = 6.283185307179586
-#: Where the search goes on after a turning point, in steps of the grid: displacements between two
-#: that are closer do not differ.
+#: Distance at which the search goes on after a turning point, in steps of the grid: closer turning
+#: points have equal displacements.
 _BEYOND = 1e-5
-#: Columns of the faults: what is wrong, the kind of event or the mode there, when, s, and by how
-#: much; and how long a chatter lasts, s.
+#: Columns of the faults: the fault, the kind of event or the mode, the instant, s, and the amount;
+#: and the duration of a chatter, s.
 FAULT, THERE, WHEN, MUCH, LEFT = range(FAULTS, FAULTS + 5)
-#: What is wrong: nothing; events in another order; an impact from beyond the stop; what m does
-#: after an impact, and after it has stopped; and an event in a flight.
+#: Faults: none; events in another order; an impact from beyond the stop; another motion after an
+#: impact, and after m has stopped; and an event in a flight.
 RIGHT, ORDER, FROM_BEYOND, AFTER_IMPACT, AFTER_STOP, IN_FLIGHT = range(6)
 
 
@@ -56,7 +56,8 @@ def extremes(moving: Moving, duration: float, relative: bool) -> tuple[float, fl
     """
     Return the least and largest X of a flight or, if `relative`, of Y - Y(origin), m.
 
-    By the certified search for its turning points, which leaves the flight's end unknown.
+    They are found by the certified search for turning points, which leaves the flight's end
+    unknown.
     """
     run = moving.run
     end: Motion = motion_at(moving, duration)
@@ -64,7 +65,7 @@ def extremes(moving: Moving, duration: float, relative: bool) -> tuple[float, fl
     low = min(motion.travel, end.travel) if relative else min(motion.x, end.x)
     high = max(motion.travel, end.travel) if relative else max(motion.x, end.x)
     if not relative:
-        # As seen from M, an m that hangs still moves by -X.
+        # Relative to M, an m that hangs still moves by -X.
         run.relative_velocity = -run.velocity
         run.relative_acceleration = -run.acceleration
         motion = starting_motion(moving)
@@ -107,7 +108,7 @@ def is_expected(kind: int, node: NodeRow) -> bool:
 
 @kernel
 def judge_node(problem: Problem, j: int) -> bool:
-    """Judge what m does just after a node, and return whether it is as assumed."""
+    """Judge the motion of m just after a node, and return whether it is as assumed."""
     moving, node, fault = problem.moving, problem.nodes[j], problem.table[j]
     run = moving.run
     begin_at(moving, node, problem.table[j])
@@ -128,7 +129,7 @@ def judge_node(problem: Problem, j: int) -> bool:
             fault[MUCH] = incoming
             return False
     elif node.kind != RELEASE_EVENT:
-        # Within the gap, however short the bounce
+        # m is within the gap, however short the bounce is.
         run.clearance_1 = inf
         run.clearance_2 = inf
         rest(moving)
@@ -222,7 +223,7 @@ def _fault_at(nodes: Sequence[NodeRow], j: int, table: Any) -> str:
     if what == AFTER_STOP:
         sticks = node.kind == EventKind.STICK
         return f'm does not {"stick" if sticks else "turn back"} where it has stopped'
-    # The impact before the flight, and the one after it
+    # The impact before the flight, and that after it
     since, before = float(fault[WHEN]), j
     while nodes[before].kind != IMPACT:
         before -= 1

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-One page: what waits for it, its requests, and what it has of the motion.
+One page: its queue of messages, its requests, and the part of the motion that it has.
 
-At most one write is under way. A frame is made when the previous one has been sent, with all that
-came since: a slow page gets fewer frames, and holds up nobody. Of messages that describe a state,
-only the newest one is kept.
+At most one write is under way. A frame is made when the previous one has been sent, with
+everything since: a slow page gets fewer frames, and delays no other page. Of messages that
+describe a state, only the newest one is kept.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ _STATES = frozenset(
 )
 #: Most other messages that wait; with more, the page is closed.
 _MOST_WAITING = 256
-#: Time for which a page may take nothing, or leave a ping unanswered, until it counts as gone, s:
-#: a browser that only has to wait for a busy machine does not.
+#: Time after which a page that takes nothing, or leaves a ping unanswered, counts as gone, s:
+#: longer than a browser waits on a busy machine.
 STALLED_S = 180.0
 _MOST_RATE = 60.0
-#: Requests that a page may make that only watches; the rest change the rig.
+#: Requests that a page may make that only watches; the other requests change the rig.
 _WATCHING = frozenset(('view', 'play', 'seek', 'jump', 'what_if'))
 
 Handler = Callable[[dict[str, Any], 'Client'], Awaitable[dict[str, Any] | None]]
@@ -83,7 +83,7 @@ class Client:
         kind = message['type']
         self._count += 1
         key = kind if kind in _STATES else self._count
-        # To the end, also if there is an older one
+        # The message goes to the end, even if an older one of its type waits.
         self._waiting.pop(key, None)
         self._waiting[key] = json.dumps(message, allow_nan=False)
         if len(self._waiting) > _MOST_WAITING:
@@ -113,7 +113,7 @@ class Client:
             return
         try:
             self._last = asyncio.ensure_future(self._sink.write_message(content, binary=binary))
-        except Exception:  # of a connection that has just been closed
+        except Exception:  # the connection has just been closed
             self.close()
             return
         self._since = time.monotonic()
@@ -133,7 +133,7 @@ class Client:
     # From the page
 
     def take(self, text: str | bytes) -> None:
-        """Begin to process a message of the page; what comes next does not wait for the answer."""
+        """Begin to process a message of the page; later messages do not wait for the answer."""
         task = asyncio.ensure_future(self._process(text))
         self._requests.add(task)
         task.add_done_callback(self._requests.discard)
@@ -169,6 +169,6 @@ class Client:
         if window > self.view.window:
             self.view = PageView(window)
         self._period = 0.0 if rate >= _MOST_RATE else 1.0 / max(rate, 0.1)
-        # A page that comes into view is not shown what it was a second ago.
+        # A page that comes into view gets no motion of a second ago.
         self._due = 0.0
         return None

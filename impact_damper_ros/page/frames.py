@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Display frames: what is new of a motion since the last frame of a page.
+Display frames: the part of a motion since the last frame of a page.
 
 The layout is little endian: a header of 32 bytes (kind, flags, the number of rows of each of the
 `TABLES`; end, wall time), then these rows as float32. Instants count from the end of the frame.
@@ -37,8 +37,8 @@ TABLES = {
     'ghost_samples': SAMPLE_COLUMNS,
     'ghost_impacts': IMPACT_COLUMNS,
 }
-#: What a page has to know to read a frame: where the counts of rows begin, and where the two
-#: instants stand, as numbers of 2 and 8 bytes.
+#: Layout of a frame for pages: place of the counts of rows, and places of the two instants, as
+#: numbers of 2 and 8 bytes.
 LAYOUT = {
     'kind': _KIND,
     'header': HEADER.size,
@@ -72,7 +72,7 @@ class _Sent:
             self._sample = float(samples[-1, 0])
         parts = [samples[-_MOST:]]
         for n, rows in enumerate((motion.impacts, motion.measured, motion.acts)):
-            # They may come after the sample that follows them.
+            # Impacts may come after the sample that follows them.
             new = between(rows, self._others[n], max(self._sample, end)) if len(rows) else rows
             if len(new):
                 self._others[n] = float(new[-1, 0])
@@ -82,16 +82,16 @@ class _Sent:
 
 class PageView:
     """
-    What one page shows of a motion, and the part that the page has already.
+    The part of a motion that one page shows, and the part that it has already.
 
-    `window` is how far back it goes, s.
+    `window` is the length of the shown part, s.
     """
 
     def __init__(self, window: float = 30.0) -> None:
         self.window = min(max(window, _WINDOWS[0]), _WINDOWS[1])
         self._own, self._others = _Sent(), _Sent()
         self._ghost: MotionHistory | None = None
-        # End and flags of the last frame, and how often samples had been corrected by then
+        # End and flags of the last frame, and number of corrected samples by then
         self._last = math.nan, 0
         self._corrections = 0
 
@@ -114,7 +114,8 @@ class PageView:
         """
         last = end, flags
         start = end - self.window
-        # Too far behind, ahead after a jump back, or with a sample that was corrected
+        # The page is too far behind, or ahead after a jump back, or has a sample that was
+        # corrected.
         behind = not start <= self._last[0] <= end
         if behind or motion.corrections != self._corrections:
             self._corrections = motion.corrections

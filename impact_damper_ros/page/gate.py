@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Access control of the server: Host, Origin, and who steers.
+Access control of the server: Host, Origin, and the right to steer.
 
-This machine steers, and who has the token; everyone else who can reach the page watches.
+Pages on this machine steer, and pages with the token; all other pages watch.
 
 A page of a foreign site can make a browser connect to a server of this machine. It cannot forge
 the Host and Origin that the browser sends: a name that an attacker lets point to this machine (DNS
@@ -47,9 +47,10 @@ def _split(netloc: str) -> tuple[str, int | None] | None:
 class Gate:
     """The checks that a request must pass."""
 
-    host: str  # the address that the server listens on
+    host: str  # the address on which the server listens
     names: Sequence[str] = ()  # further host names of the server
-    #: What lets another machine steer; empty where no other one can reach the server
+    #: Token with which another machine may steer; empty where no other machine can reach the
+    #: server
     token: str = field(default='', init=False)
     port: int = field(default=0, init=False)  # set once the server listens
 
@@ -87,7 +88,7 @@ class Gate:
         return scheme in ('http', 'https') and own and self.accepts_host(rest)
 
     def steers(self, peer: str, own: str, *tokens: str | None) -> bool:
-        """Return whether a request may steer: its two addresses, and the tokens that it gives."""
+        """Return whether a request may steer, by its two addresses and its tokens."""
         # A connection with one address at both ends does not leave the machine.
         return is_loopback(peer) or peer == own or any(map(self.accepts_token, tokens))
 

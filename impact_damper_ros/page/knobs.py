@@ -31,7 +31,7 @@ _FIRST = {
 }
 
 
-#: What takes the place of the force where only the base is shaken.
+#: Knobs that replace those of the force where only the base is shaken.
 _SHAKEN = {
     'base_frequencies': ('Base frequency', 'frequency-ratio', 'f'),
     'base_amplitudes': ('Base amplitude', '', 'b'),
@@ -84,7 +84,7 @@ def knobs_of(values: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def read_values(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of a request; what was typed is a text, and the unit it is shown in."""
+    """Return the values of a request; a typed value is a text with the unit it is shown in."""
     read = dict(values)
     for name, value in list(read.items()):
         if isinstance(value, dict):

@@ -51,7 +51,7 @@ _RETRY_S = 1.0
 _LEVELS = ('ok', 'warn', 'error')
 #: Largest difference from the system time of stamps that count from it, s.
 _WALL_S = 3600.0
-#: Speed of the rig below which the time between two samples is seen.
+#: Speed of the rig below which the time between two samples is visible.
 _SLOW = 0.5
 #: Numbers that the node measures, and their keys in its report.
 _MEASURED = {
@@ -69,7 +69,7 @@ class LiveRig(Source):
     def __init__(self, link: RigLink, common: Callable[[], dict[str, Any]]) -> None:
         super().__init__(common)
         self.link = link
-        #: That of the last snapshot
+        #: Stretch of the last snapshot
         self.state: dict[str, Any] | None = None
         self._reports: dict[str, DiagnosticStatus] = {}
         self._forget()
@@ -80,9 +80,10 @@ class LiveRig(Source):
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
-        # Its identity, which its snapshots name, and why those of another version cannot be read
+        # Identity of the run, from its snapshots, and why snapshots of another version cannot be
+        # read
         self._run, self._foreign = '', ''
-        #: Present values of the parameters that are known
+        #: Present values of known parameters
         self.values: dict[str, Any] = {}
         self.motion = MotionHistory(_MOST_SAMPLES, _MOST_IMPACTS)
         self._readers = {
@@ -91,7 +92,7 @@ class LiveRig(Source):
             'measurements': JointStateRows(AXIS_JOINTS, (4, 4, 0)),
             'gap_control': JointStateRows(CONTROL_JOINTS, (3, 3, 3)),
         }
-        # Those whose messages may still come
+        # Stretches whose messages may still come
         self._stretches: list[Stretch] = []
         self._paused = False
         self._epoch = self._came = 0.0
@@ -122,14 +123,14 @@ class LiveRig(Source):
         return [self._status(), self._diagnostics(), *self._numbers(), *self.theory.values()]
 
     def frame(self, view: PageView) -> bytes | None:
-        """Return a frame with what is new; None if nothing is."""
+        """Return a frame with new rows; None without any."""
         end = self._instant_to_show()
         if math.isnan(end):
             return None
         return view.frame(self.motion, end, self._epoch, PAUSED if self._paused else 0)
 
     def _instant_to_show(self) -> float:
-        """Return the instant to show: of a slow rig one between its last two samples, s."""
+        """Return the instant to show, s: of a slow rig an instant between its last two samples."""
         factor = self.values.get('real_time_factor', 1.0)
         times = self.motion.samples[-2:, 0]
         if not 0.0 < factor < _SLOW or self._paused or len(times) < 2:
@@ -143,7 +144,7 @@ class LiveRig(Source):
         ]
 
     def _numbers_of_node(self) -> dict[str, Any]:
-        """Return the numbers that the node measures itself, as `/diagnostics` has them."""
+        """Return the numbers that the node measures, from `/diagnostics`."""
         report = self._reports.get('measured motion')
         values = dict(report.values) if report else {}
         return {name: _float(values.get(key, '')) for name, key in _MEASURED.items()}
@@ -151,7 +152,7 @@ class LiveRig(Source):
     # Messages of the node
 
     def tick(self) -> None:
-        """Take in the messages that have come since the last call."""
+        """Take the messages that have come since the last call."""
         messages = self.link.poll()
         for content in messages['snapshot']:
             self._take_snapshot(content)
@@ -176,7 +177,7 @@ class LiveRig(Source):
         self._send_status()
 
     def _show_paused(self) -> None:
-        """Show what a change or a reset has made of a paused rig."""
+        """Show the effect of a change or a reset on a paused rig."""
         states, self._paused_states = self._paused_states, None
         if states is not None:
             self.motion.correct_end(self._stretches[-1].samples(states)[0])
@@ -199,7 +200,7 @@ class LiveRig(Source):
             return
         if run != self._run:
             if self._run:
-                # Another node has the name of the one that was asked.
+                # Another node has the name of the old one.
                 self.link.begin_again()
             self._forget()
             self._run = run
@@ -226,7 +227,7 @@ class LiveRig(Source):
             self.send({'type': 'parameters', **change})
 
     def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Stretch, Messages]]:
-        """Return messages of a topic, those of each stretch together."""
+        """Return messages of a topic by stretch."""
         if not contents:
             return []
         rows, readable = self._readers[topic].read(contents, 0)
@@ -247,8 +248,8 @@ class LiveRig(Source):
         """
         Return the number of the stretch of each message.
 
-        Topics may overtake each other, and after a step of the system clock a stamp may lie in
-        two stretches: it belongs to that in which it comes soonest after, or before, the last one.
+        Topics may overtake each other, and after a step of the system clock a stamp may lie in two
+        stretches: the message belongs to the stretch whose last message is nearest.
         """
         end = self.motion.end
         last_ns = self._stretches[0].time_ns if math.isnan(end) else round(end * 1e9)
@@ -259,7 +260,7 @@ class LiveRig(Source):
             times = [stamp_ns - stretch.offset_ns for stretch in self._stretches]
             spans = zip(begins, times, ends, strict=True)
             there = [n for n, (begin, at, end_ns) in enumerate(spans) if begin <= at <= end_ns]
-            # At the instant of a change, it is the later one.
+            # At the instant of a change the later stretch is taken.
             far = [(abs(times[n] - last_ns), -n) for n in there or range(len(times))]
             place = -min(far)[1]
             places.append(place)
@@ -319,7 +320,7 @@ class LiveRig(Source):
         }
 
     def _controller(self) -> dict[str, Any] | None:
-        """Return what the node reports of a controller outside of it, if it waits for one."""
+        """Return the report of the node on an external controller, if it waits for one."""
         report = self._reports.get('controller')
         if report is None or self.values.get('gap_control') != 'external':
             return None
@@ -441,5 +442,5 @@ def _level(reports: Iterable[DiagnosticStatus]) -> str:
 
 
 def _float(text: str) -> float | None:
-    """Return the number of a report; None where it has none."""
+    """Return the number in a report; None if there is none."""
     return float(text) if text else None

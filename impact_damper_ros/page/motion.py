@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion of a rig as arrays: samples, impacts, what its controller sees and commands."""
+"""The motion of a rig as arrays: samples, impacts, measurements and acts of the control."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _IMPACT = (
 )
 #: Columns of impacts.
 IMPACT_COLUMNS = (*_IMPACT, 'phase')
-#: Columns of what the sensors measure, and of acts of the control: whether it is a command, its
-#: places of the stops in M, the active force on M, the energy spent on both stops so far.
+#: Columns of measurements, and of acts of the control: whether the act is a command, its places of
+#: the stops in M, the active force on M, and the energy of both stops so far.
 MEASURED_COLUMNS = ('time', 'x', 'z')
 ACT_COLUMNS = ('time', 'command', 'stop_1', 'stop_2', 'force', 'energy')
 #: Largest number of samples and impacts that are read of a recording.
@@ -69,10 +69,10 @@ class ForcePhase:
 class Stretch:
     """The rig from one command to the next, which turns its messages into rows."""
 
-    time_ns: int  # rig time at which it begins
+    time_ns: int  # rig time at which the stretch begins
     offset_ns: int  # stamp of rig time 0
     rig: RigParameters
-    phase: ForcePhase | None  # None if it is not needed
+    phase: ForcePhase | None  # None if the phase is not needed
 
     def samples(self, messages: Messages) -> Rows:
         """Return joint states as `SAMPLE_COLUMNS`."""
@@ -121,7 +121,7 @@ def measured_rows(messages: Messages, offset_ns: int | NDArray[np.int64]) -> Row
 
 
 class _Table:
-    """Rows in rising order of their first column, of which the last ones are kept."""
+    """Rows in rising order of their first column; the last ones are kept."""
 
     def __init__(self, width: int, most: int) -> None:
         self._most = most
@@ -155,7 +155,7 @@ class _Table:
 
 class MotionHistory:
     """
-    What is known of the motion of a rig, each kind in the order of its instants.
+    The motion of a rig so far, each kind of row in the order of its instants.
 
     Of samples and measurements the newest `most_samples` are kept, of impacts and acts the newest
     `most_impacts`.
@@ -166,7 +166,7 @@ class MotionHistory:
         self._impacts = _Table(len(IMPACT_COLUMNS), most_impacts)
         self._measured = _Table(len(MEASURED_COLUMNS), most_samples)
         self._acts = _Table(len(ACT_COLUMNS), most_impacts)
-        #: How often the newest sample has become another one.
+        #: Number of times that the newest sample was corrected.
         self.corrections = 0
 
     @property

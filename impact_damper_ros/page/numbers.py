@@ -13,7 +13,8 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from .knobs import as_json
 from .motion import MotionHistory, between
 
-#: Cycles of the force over which is measured, and the time over which a controller is, s.
+#: Cycles of the force over which the motion is measured, and time over which a controller is
+#: scored, s.
 _CYCLES, _SCORED_S = 20, 60.0
 
 
@@ -46,13 +47,13 @@ def numbers_of(rig: RigParameters, motion: MotionHistory, end: float) -> dict[st
 
 
 def score_of(motion: MotionHistory, end: float) -> dict[str, Any] | None:
-    """Return what a controller has achieved in the last minute, and what it has spent."""
+    """Return the rms of X and the energy of a controller in the last minute."""
     x = between(motion.samples, end - _SCORED_S, end)[:, :2]
     if len(x) < 2:
         return None
     start, acts = end - _SCORED_S, motion.acts
     first, last = np.searchsorted(acts[:, 0], (start, end), side='right')
-    # Of the act before the minute on; a reset lets the energy count from 0 again.
+    # Energy since the act before the minute; a reset lets the energy count from 0 again.
     energies = acts[max(first - 1, 0) : last, -1]
     return {
         'seconds': float(x[-1, 0] - x[0, 0]),

@@ -26,8 +26,8 @@ from impact_damper_ros.parameters.rig_parameters import (
 from .knobs import as_json
 
 _FILE = Path(__file__).with_name('presets.yaml')
-#: Parameters whose defaults are for a rig of 1 rad/s, by the power of the natural frequency that
-#: makes them those of another one; a sweep that is switched on passes its resonance then.
+#: Parameters whose defaults are for a rig of 1 rad/s, with the power of the natural frequency by
+#: which they scale: a sweep that is switched on then passes the resonance.
 _POWERS = {
     **dict.fromkeys(('multisine_low', 'multisine_high'), 1),
     **dict.fromkeys(('sweep_low', 'sweep_high', 'sweep_step'), 1),
@@ -72,7 +72,7 @@ def load_presets(path: Path = _FILE) -> dict[str, Preset]:
 
 
 def _values_of(file: str | None, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a preset: of a file of config/ with some changed, or its own."""
+    """Return the parameters of a preset: of a file of config/ with changes, or its own list."""
     if file is not None:
         rig, initial, settings = load_parameters(file)
         return {**settings, **rig.as_dict(), **initial.as_dict(), **values}
@@ -91,7 +91,7 @@ def scaled_to(omega: float) -> dict[str, Any]:
 def change_between(
     before: Mapping[str, Any], now: Mapping[str, Any], time: float | None, kind: str = 'change'
 ) -> dict[str, Any] | None:
-    """Return what the page shows of a change or reset; None where nothing has changed."""
+    """Return the message on a change or reset; None where nothing has changed."""
     values = {n: v for n, v in now.items() if before.get(n, v) != v}
     if not values and kind == 'change':
         return None

@@ -49,7 +49,7 @@ _KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 class RecordedSetting(NamedTuple):
     """The rig from one change to the next."""
 
-    state: dict[str, Any]  # of its snapshot
+    state: dict[str, Any]  # state in its snapshot
     values: dict[str, Any]  # parameters of rig and control, and initial conditions
 
     @property
@@ -62,11 +62,11 @@ class RecordedSetting(NamedTuple):
 class Recording:
     """A recording."""
 
-    motion: MotionHistory  # the whole one
+    motion: MotionHistory  # the whole motion
     #: Changes and resets: time, kind, new values, and the preset that the rig then matches
     changes: list[dict[str, Any]]
-    remark: str  # what is missing; empty if nothing is
-    #: Of each change the rig after it: what is shown of thousands of them is a few.
+    remark: str  # missing parts in words; empty without any
+    #: The rig after each change, packed: of thousands of them a few are shown.
     packed: list[bytes]
     times: NDArray[np.float64]
 
@@ -85,7 +85,7 @@ class Recording:
 
 
 def load_recording(path: Path) -> Recording:
-    """Read a bag, whole, cut or recovered; ValueError if it holds no motion, or RecordingError."""
+    """Read a bag, whole, cut or recovered; ValueError if it has no motion, or RecordingError."""
     run = RecordedRun(path, purpose='play')
     # Surplus samples are dropped at the end.
     count = run.reader.topics[run.topics.joint_states, JOINT_STATE].message_count
@@ -132,10 +132,10 @@ def load_recording(path: Path) -> Recording:
 
 
 def _measurements(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[np.float64]:
-    """Return what the sensors measured, given from which stamp on rig time 0 has which stamp."""
+    """Return the measurements, given the stamps from which on rig time 0 has each stamp."""
     topic = run.reader.custom.get('measurements') or f'{run.topics.namespace}measurements'
     contents: list[bytes] = []
-    # The walk has met what is damaged.
+    # The walk has reported the damage.
     with contextlib.suppress(RecordingError):
         wanted = [(topic, JOINT_STATE)]
         contents.extend(record.content for record in run.reader.messages(wanted))
@@ -152,7 +152,7 @@ _THEORY = ThreadPoolExecutor(1, 'theory')
 
 @lru_cache(_MOST_DOCUMENTS)
 def _document(packed: bytes) -> str:
-    """Return what theory says of a stretch, given as `Recording.packed` has it."""
+    """Return the document of theory for a stretch, given its entry in `Recording.packed`."""
     state, _ = json.loads(zlib.decompress(packed))
     *_, (_, document) = answers(state, None, True)
     return document
@@ -175,7 +175,7 @@ class Player(Source):
         self._playing = True
         self._ghost: WhatIfMotion | None = None
         self._status_at = -math.inf
-        # What theory says of the present stretch, until that is shown
+        # The theory of the present stretch, until it is shown
         self._asked: Future[str] | None = None
         self._enter(recorded.number_at(self._start))
 
@@ -185,11 +185,11 @@ class Player(Source):
         if self._asked is not None:
             self._asked.cancel()
         self._asked = _THEORY.submit(_document, self.recorded.packed[number])
-        # What was known of another stretch is no theory of this one.
+        # The theory of another stretch does not apply.
         self.send_theory({})
 
     async def close(self) -> None:
-        """End what it has started."""
+        """End the tasks that were started."""
         if self._asked is not None:
             self._asked.cancel()
         if self._ghost is not None:
@@ -254,7 +254,7 @@ class Player(Source):
             self._send_status()
 
     def frame(self, view: PageView) -> bytes | None:
-        """Return a frame with what is new; None if nothing is."""
+        """Return a frame with new rows; None without any."""
         now, flags = self.time, 0 if self._playing else PAUSED
         ghost = self._ghost.motion if self._ghost is not None else None
         return view.frame(self.recorded.motion, now, now, flags, ghost)

@@ -3,7 +3,7 @@
 The recordings that the page lists, plays, downloads and compares.
 
 Only the bags directly in one directory are accessible, by name; no request contains a path. Names
-are those that can be printed: what is not UTF-8 in one of a file is shown as an escape.
+are printable: bytes of a name that are not UTF-8 are shown as escapes.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class Recordings:
     """
     A bag or file, or the bags below a directory.
 
-    If `listed`, a directory without `metadata.yaml` is one of bags, whatever files are in it.
+    If `listed`, a directory without `metadata.yaml` is a directory of bags, whatever its files
+    are.
     """
 
     def __init__(self, place: Path, *, listed: bool = False) -> None:
@@ -60,12 +61,12 @@ class Recordings:
         single = _is_bag(self._place, Path(self._place.anchor))
         if single and (whole or not (listed or _has_bags(self._place))):
             self.single, self._place = self._place.name, self._place.parent
-        # The directory of the reports, and these by the name of their bag
+        # The directory of the reports, and the reports by the name of their bag
         self._directory: Path | None = None
         self._reports: dict[str, Path] = {}
         # Comparisons under way by recording, and the process of each once it runs
         self._comparing: dict[str, asyncio.subprocess.Process | None] = {}
-        # What has been read of each bag, and the files that it was read of
+        # Listing of each bag, and the state of the files from which it was read
         self._known: dict[Path, tuple[object, dict[str, Any]]] = {}
 
     def names(self) -> list[str]:
@@ -117,7 +118,7 @@ class Recordings:
         return self._reports[name]
 
     def start_comparison(self, name: str) -> bool:
-        """Return whether a comparison begins now: not if it runs; a LookupError if too many do."""
+        """Return whether a comparison begins now; LookupError if too many run."""
         if name in self._comparing:
             return False
         if len(self._comparing) >= _MOST_COMPARED:
@@ -228,8 +229,8 @@ def _is_bag(path: Path, place: Path) -> bool:
     """
     Return whether a path is a bag: a file, or a directory with files of one.
 
-    No file of it may lead out of the directory `place`, as a link does, or be anything else than a
-    file, as a pipe for which a reader would wait without end.
+    Its files must lie in the directory `place`, without links out of it, and be regular files: a
+    reader would wait for a pipe without end.
     """
     if path.name.startswith('.'):
         return False

@@ -13,7 +13,7 @@ from typing import Any
 
 from impact_damper_ros.parameters.quoting import quote
 
-#: Fields of each request, and what each of them is.
+#: Fields of each request, and their types in words.
 REQUESTS = {
     'view': {'window': 'a number', 'rate': 'a number'},
     'set': {'values': 'an object'},
@@ -58,7 +58,7 @@ def _whole(text: str) -> int | float:
 
 
 def read_json(text: str | bytes) -> dict[str, Any]:
-    """Return the object that a message is; RequestError if it is none."""
+    """Return the object of a message; RequestError if it is none."""
     try:
         message = json.loads(text, parse_constant=_refuse, parse_float=_finite, parse_int=_whole)
     except (RecursionError, ValueError) as error:
@@ -76,7 +76,7 @@ def identity_of(message: dict[str, Any]) -> int | str | None:
 
 
 def check_request(message: dict[str, Any]) -> None:
-    """Raise a RequestError if a message is none of the `REQUESTS`."""
+    """Raise a RequestError unless a message is one of the `REQUESTS`."""
     kind = message.get('type')
     if not isinstance(kind, str) or kind not in REQUESTS:
         raise RequestError(f'{quote(kind)} is no request: give one of {", ".join(REQUESTS)}')

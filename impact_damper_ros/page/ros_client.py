@@ -29,17 +29,18 @@ from impact_damper_ros.node.raw_subscription import RawSubscription
 from impact_damper_ros.node.rig_client import LAST, RigClient, parameter_messages, plain_values
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 
-#: Silence of the node after which a request fails, s, as its diagnostics come every second; and
-#: time that it has in any case.
+#: Silence of the node after which a request fails, s: diagnostics come every second; and least
+#: time for an answer.
 SILENT_S, LEAST_S = 15.0, 3.0
-#: Longest time between two polls that counts as silence of the node, s: longer, this one was busy.
+#: Longest time between two polls that counts as silence of the node, s: after a longer one this
+#: process was busy.
 _LONGEST_PAUSE_S = 0.5
 #: Topics that all nodes share
 _OF_ALL = frozenset(('diagnostics', 'parameter_events'))
 _TOPICS = ('joint_states', 'impacts', 'measurements', 'gap_control', 'snapshot', 'theory')
 #: Most messages of a topic that are taken at once.
 _MOST_TAKEN = 2000
-#: How often is looked for an answer, s.
+#: Interval at which an answer is looked for, s.
 _LOOK_S = 1.0
 
 
@@ -50,9 +51,10 @@ class RigLink:
         self.name = name
         self._node = node
         latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        # With reliable joint states the writer would have to wait for each reader.
+        # With reliable joint states the writer would wait for each reader.
         loose = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-        # Snapshots after samples: none published after a snapshot may be processed without it.
+        # Snapshots come after samples: no sample published after a snapshot may be processed
+        # without it.
         self._subscriptions = {
             key: RawSubscription(node, kind, topic, qos)
             for key, kind, topic, qos in (
@@ -67,12 +69,12 @@ class RigLink:
             )
         }
         self._rig = RigClient(node, name)
-        #: How long the node has sent nothing, s
+        #: Time since the last message of the node, s
         self.silence = 0.0
         self._polled_at = time.monotonic()
 
     def match(self) -> None:
-        """Subscribe best effort where the node publishes so, by `qos_overrides`."""
+        """Subscribe best effort where the node publishes best effort, by `qos_overrides`."""
         best_effort = ReliabilityPolicy.BEST_EFFORT
         for key, one in self._subscriptions.items():
             offered = self._node.get_publishers_info_by_topic(one.topic)
@@ -100,17 +102,17 @@ class RigLink:
         return polled
 
     def begin_again(self) -> None:
-        """Expect no answer of the node before: a new one has its name."""
+        """Expect no answer of the old node: a new one has its name."""
         self._rig.begin_again()
 
     async def _call(self, service: str, **fields: Any) -> Any:
-        """Return the answer, for which a node that is busy may need long; else a TimeoutError."""
+        """Return the answer, which a busy node may delay; else a TimeoutError."""
         if service != LAST and not self._rig.answers:
             await self._call(LAST, names=[])
         asked = self._rig.ask(service, **fields)
         answer, begin = asyncio.wrap_future(asked), time.monotonic()
         while self.silence < SILENT_S or time.monotonic() < begin + LEAST_S:
-            # Without cancelling the answer where it does not come in this time
+            # An answer that does not come in this time is not cancelled.
             done, _ = await asyncio.wait([answer], timeout=_LOOK_S)
             if done:
                 return answer.result()
@@ -161,7 +163,7 @@ class RosClient:
 
     def __init__(self) -> None:
         self._context = Context()
-        # Signals are Python's.
+        # Python keeps its signal handlers.
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node(
             'rig_page',

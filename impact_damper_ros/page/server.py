@@ -46,8 +46,7 @@ _LIST_PERIOD_S = 2.0
 _COMPLAINT_PERIOD_S = 10.0
 #: Time within which a request must have come, s.
 _IDLE_S = 10.0
-#: Largest number of pages, as more would slow one another down, and of bytes of the recordings
-#: that are open.
+#: Largest number of pages, which slow one another down, and of bytes of open recordings.
 _MOST_PAGES, _MOST_BYTES = 100, 600_000_000
 
 _STATIC = Path(__file__).with_name('static')
@@ -91,7 +90,7 @@ class PageServer:
         self._looked = self._listed_at = 0.0
         self._failed = -_COMPLAINT_PERIOD_S
         self._tasks: set[asyncio.Task[Any]] = set()
-        # These are not cancelled: processes end meanwhile.
+        # These tasks are not cancelled: processes end meanwhile.
         self._endings: set[asyncio.Task[Any]] = set()
         self._http: HTTPServer | None = None
         self._listing: asyncio.Task[None] | None = None
@@ -146,14 +145,14 @@ class PageServer:
         due = time.monotonic()
         while True:
             now = time.monotonic()
-            # A tick that is missed is missed.
+            # Missed ticks are left out.
             period = 1.0 / _FRAMES_PER_SECOND if self._clients else _IDLE_PERIOD_S
             due = max(due + period, now)
             await asyncio.sleep(due - now)
             self._try(self._tick)
 
     def _try(self, work: Callable[[], None]) -> None:
-        """Do a part of the tick: a bad message must not stop the others."""
+        """Run a part of the tick: a bad message must not stop the other parts."""
         try:
             work()
         except Exception:
@@ -223,11 +222,11 @@ class PageServer:
             'rigs': self._rigs,
             'recordings': self._list,
             'presets': presets,
-            # Whether there can be live rigs
+            # Whether live rigs are possible
             'ros': self._network is not None,
             # Whether the best gap of a structure can be computed
             'designs': True,
-            # Where other machines reach the page, to watch; empty if they do not
+            # Address of the page for other machines, which watch; empty if they cannot reach it
             'address': self.gate.url() if self.gate.token else '',
         }
 
@@ -253,10 +252,10 @@ class PageServer:
         return client
 
     async def _source(self, rig: str, bag: str) -> Source:
-        """Return what a page is to show."""
+        """Return the source for a page."""
         await self._list_recordings()
         if not bag and self._network is None:
-            # The newest
+            # The newest recording
             bag = next((entry['name'] for entry in self._list), '')
         if bag:
             return await self._player(bag)
@@ -294,7 +293,7 @@ class PageServer:
         return path, found
 
     def leave(self, client: Client) -> None:
-        """Forget a page that was closed, and close it if it is not."""
+        """Remove a page, and close it if it is open."""
         client.close()
         self._clients.discard(client)
         client.source.clients.discard(client)
@@ -310,7 +309,7 @@ class PageServer:
         try:
             path = await asyncio.to_thread(self.recordings.path, name)
             if not self.recordings.start_comparison(name):
-                # All pages are informed of its end.
+                # All pages are informed of the end of the comparison.
                 return {'ok': True, 'reason': ''}
         except LookupError as error:
             raise RequestError(str(error)) from error
@@ -368,7 +367,7 @@ class _Guarded(RequestHandler):
 
 
 class _AbsentError(HTTPError):
-    """What is asked for is not there; `why` is for the user."""
+    """A requested page or file is absent; `why` is for the user."""
 
     def __init__(self, why: str) -> None:
         super().__init__(404)
@@ -379,11 +378,11 @@ class _Index(_Guarded):
     def get(self) -> None:
         gate, token = self.server.gate, self.get_query_argument('token', None)
         if token is not None:
-            # Kept in a cookie that scripts cannot read, and out of the address
+            # The token is kept in a cookie that scripts cannot read, and removed from the address.
             right = gate.accepts_token(token)
             if right:
                 self.set_cookie(gate.cookie, token, httponly=True, samesite='Strict', path='/')
-            # Who steers anyway needs no other token.
+            # A page that may steer anyway needs no token.
             self.redirect('/' if right or self.steers else '/?wrong_token')
             return
         self.set_header('Content-Type', 'text/html; charset=utf-8')
@@ -433,12 +432,13 @@ class _Download(_Guarded):
                     rest -= len(piece)
                     self.write(piece)
                     await asyncio.wait_for(self.flush(), STALLED_S)
-            except (StreamClosedError, TimeoutError):  # cancelled, or nothing is taken any more
+            except (StreamClosedError, TimeoutError):
+                # The download was cancelled, or the connection takes no more bytes.
                 self.detach().close()
 
 
 def _plain(name: str) -> str:
-    """Return a name of a file that every system takes."""
+    """Return a name of a file that every system accepts."""
     plain = ''.join(sign if sign.isalnum() or sign in '._-' else '_' for sign in name)
     return plain.encode('ascii', 'replace').decode().replace('?', '_')
 
@@ -477,7 +477,7 @@ class _Socket(_Guarded, WebSocketHandler):
         connection = self.ws_connection
         stream = getattr(connection, 'stream', None)
         if stream is not None and stream.socket is not None:
-            # A small buffer: what it holds for a page that does not read is outdated afterwards.
+            # A small buffer: its content is outdated once a page reads again.
             stream.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         rig, bag = (self.get_query_argument(name, '') for name in ('rig', 'bag'))
         try:

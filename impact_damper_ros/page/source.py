@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pages are shown: a rig in the network, a recording, or, as here, nothing yet."""
+"""Sources of pages: a rig in the network, a recording or, as here, none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from impact_damper_ros import __version__
 from .frames import LAYOUT, PageView
 from .requests import RequestError
 
-#: What the page shows as long as a part of the theory is not known.
+#: Messages of theory as long as its parts are unknown.
 _UNKNOWN: dict[str, dict[str, Any]] = {
     'orbit': {'type': 'orbit', 'found': False, 'text': '', 'kind': ''},
     'gap_curve': {'type': 'gap_curve', 'branches': [], 'text': ''},
@@ -33,14 +33,14 @@ class Source:
     """
     A source of frames and messages; this one stands for a network without a rig.
 
-    `common` returns what is part of every first message, as rigs, recordings and presets.
+    `common` returns the common part of first messages, such as rigs, recordings and presets.
     """
 
-    #: Time for which it is kept without a page, s.
+    #: Time for which the source is kept without a page, s.
     kept_s = 0.0
 
     def __init__(self, common: Callable[[], dict[str, Any]]) -> None:
-        self.clients: set[Page] = set()  # the pages that show it
+        self.clients: set[Page] = set()  # the pages that show the source
         self._common = common
         #: Messages of the theory of the present rig
         self.theory = dict(_UNKNOWN)
@@ -68,7 +68,7 @@ class Source:
             client.put(message)
 
     def send_theory(self, document: dict[str, Any]) -> None:
-        """Send what is new in a document of `theory.documents`."""
+        """Send the new parts of a document of `theory.documents`."""
         for kind, before in self.theory.items():
             now = document.get(kind) or _UNKNOWN[kind]
             if now != before:
@@ -76,10 +76,10 @@ class Source:
                 self.send(now)
 
     def tick(self) -> None:
-        """Take in what is new; 60 times a second."""
+        """Take new messages; called 60 times a second."""
 
     def frame(self, view: PageView) -> bytes | None:
-        """Return a frame with what is new; None if nothing is."""
+        """Return a frame with new rows; None without any."""
         del view
         return None
 
@@ -89,4 +89,4 @@ class Source:
         raise RequestError('there is no rig on the network')
 
     async def close(self) -> None:
-        """End what it has started."""
+        """End the tasks that were started."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A user's structure: what is typed of it, its best damper, and the rig that they are."""
+"""A user's structure: its typed values, its best damper, and the rig of both."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigPa
 
 from .presets import scaled_to
 
-#: Parameter of each field, and the unit of what has none.
+#: Parameter of each field, and the unit of a number without one.
 _FIELDS = {
     'mass': ('primary_mass', 'kg'),
     'frequency': ('natural_frequency', 'Hz'),
@@ -27,7 +27,7 @@ _FIELDS = {
     'mass_ratio': ('mass_ratio', '%'),
     'restitution': ('restitution_1', ''),
 }
-#: What the size of the excitation is of, and its unit; the frequency is the natural one.
+#: Quantities of the size of the excitation, and their units; the frequency is the natural one.
 _SIZES = {
     'acceleration': ('base_amplitudes', 'g'),
     'displacement': ('base_amplitudes', 'mm'),
@@ -41,7 +41,7 @@ _FEWEST_SAMPLES = 10.0
 
 
 class FieldError(Exception):
-    """What was typed into a field is not admissible."""
+    """A text in a field is not admissible."""
 
     def __init__(self, field: str, reason: str) -> None:
         super().__init__(reason)
@@ -71,14 +71,14 @@ def _is_bare(text: str) -> bool:
 
 def structure_of(typed: Mapping[str, Any]) -> RigParameters:
     """
-    Return the rig of what was typed, with the widest gap that M alone swings across.
+    Return the rig of the typed values, with the widest gap that M alone swings across.
 
     Parameters
     ----------
     typed : mapping of str
         Texts by field: `mass`, `frequency`, `damping`, `mass_ratio` and `restitution`, `size`, and
-        in `shaken` what it is the size of: `acceleration` or `displacement` of the base, `force`,
-        or the `amplitude` of the structure itself.
+        in `shaken` its quantity: `acceleration` or `displacement` of the base, `force`, or the
+        `amplitude` of the structure itself.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def structure_of(typed: Mapping[str, Any]) -> RigParameters:
 
 
 def design_of(rig: RigParameters) -> dict[str, float]:
-    """Return what the page shows of the best damper of a rig, SI units; or raise a FieldError."""
+    """Return the numbers of the best damper of a rig, SI units; or raise a FieldError."""
     if not has_numba():
         raise FieldError('mass', 'A design runs many rigs, compiled: pip install "numba>=0.59".')
     design = best_design(rig)
@@ -119,11 +119,11 @@ def design_of(rig: RigParameters) -> dict[str, float]:
         )
     other = mass_damper_response(rig, den_hartog(rig), np.array([rig.first_harmonic[1]]))
     return {
-        # The best gap that a rig from rest makes use of, and largest |X| with it
+        # The best gap from rest, and the largest |X| with it
         'gap': design.gap,
         'x_max': design.x_max,
-        # The best gap of all, largest |X| once m hits both stops, and whether a rig from rest
-        # comes to that
+        # The best gap of all, the largest |X| once m hits both stops, and whether a rig from rest
+        # reaches that
         'best_gap': design.rig.gap,
         'best_x_max': design.orbit.x_max,
         'reached': design.reached_from_rest,
@@ -155,7 +155,7 @@ def rig_settings_of(rig: RigParameters, gap: float) -> dict[str, Any]:
 
 
 def note_on(rig: RigParameters, state_rate: float) -> str:
-    """Return what to do where the samples of the node are too few for a rig; else nothing."""
+    """Return a remedy where the samples of the node are too few for a rig; else an empty text."""
     hertz = rig.first_harmonic[1] / math.tau
     if state_rate >= _FEWEST_SAMPLES * hertz:
         return ''

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The what-if beside a recording: another rig with the same history, from a thread of its own.
+The what-if of a recording: another rig with the same history, computed in a thread.
 
-The thread hands over impacts and samples as they are computed, and at last how it went.
+The thread hands over impacts and samples as they are computed, and at last the totals.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class WhatIfMotion:
     """
     The motion of the other rig, as far as it has been computed.
 
-    `values` are the parameters that are held; `send` is called with each message for the page.
+    `values` are the overridden parameters; `send` is called with each message for the page.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class WhatIfMotion:
         self.motion = MotionHistory(MOST_SAMPLES, MOST_IMPACTS)
         self._values = dict(values)
         self._send = send
-        # What both rigs amount to, once that is known
+        # The totals of both rigs, once they are known
         self._totals: dict[str, Any] = {}
         self._parts: SimpleQueue[tuple[str, Any]] = SimpleQueue()
         self._closed = False
@@ -65,7 +65,7 @@ class WhatIfMotion:
         )
 
     def tick(self) -> None:
-        """Take in what has been computed."""
+        """Take the computed rows."""
         while not self._parts.empty():
             kind, content = self._parts.get()
             if kind == 'end':
@@ -83,7 +83,7 @@ class WhatIfMotion:
 
 
 def _compute_run(path: Path, values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Run the rig; yield impacts, samples, and at last how it started and what both amount to."""
+    """Run the rig; yield impacts, samples, and at last its start and the totals of both rigs."""
     try:
         replay = Replay(RecordedRun(path))
         known = Setting.of(replay.start.state).as_dict()

@@ -2,9 +2,9 @@
 """
 Parameter studies: a rig run for many values of its parameters, each until its motion has settled.
 
-A `Grid` says which rigs, `sweep` runs them on any executor and returns a pandas table,
+A `Grid` describes the rigs, `sweep` runs them on any executor and returns a pandas table,
 `find_optimum` finds its best row, `branches_of` follows its periodic motions by theory, and
-`draw_sweep` draws all that.
+`draw_sweep` draws the figures.
 """
 
 from .best import Optimum, find_optimum

@@ -21,8 +21,8 @@ class Optimum:
     """
     The rig with the least or greatest measure, among those whose motion repeats.
 
-    Under gap control all rigs are considered, since a motion whose control samples out of step
-    does not repeat to the last digits.
+    Under gap control all rigs are considered, since a motion does not repeat to the last digits
+    where the samples of the control are not in step with the force.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Optimum:
     point : int
         Row of the rig in the table.
     values : tuple of float
-        Its value on each axis.
+        Value of the rig on each axis.
     value : float
-        Its measure.
+        Measure of the rig.
     direction : str
-        Up or down, if it started from the last state of the one before in this direction; else
-        empty.
+        Up or down, if the rig started from the last state of the rig before in this direction;
+        else empty.
     at_edge : bool
-        Whether it lies at the end of a range, so that a wider one may hold a better rig.
+        Whether the rig lies at the end of a range: a wider range may hold a better rig.
     """
 
     measure: str

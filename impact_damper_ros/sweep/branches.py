@@ -23,9 +23,10 @@ from .steady_state import rig_of_row
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Motions with more impacts are not followed, nor more branches than this.
+#: Most impacts of a motion that is followed, and most branches.
 MOST_IMPACTS, _MOST_BRANCHES = 8, 40
-#: How near a motion is to one of a branch: phases in cycles, and largest |X| relative to itself.
+#: Largest distance of a motion from a branch: phases in cycles, and relative difference of the
+#: largest |X|.
 _SAME_PHASE, _SAME_SIZE = 0.02, 0.02
 
 
@@ -74,14 +75,14 @@ def branches_of(table: pd.DataFrame) -> list[Branch]:
 
 
 def path_along(grid: Grid, number: int, values: tuple[float, ...]) -> Path:
-    """Return what `follow` varies along an axis, at the given values of the others."""
+    """Return the path of `follow` along an axis, at the given values of the other axes."""
     one, *others = grid.axes[number].varied
 
     def rig_at(value: float) -> RigParameters:
         place = (*values[:number], value, *values[number + 1 :])
         return grid.setup.vary(grid.settings(place)).parameters
 
-    # By its name, derivatives by the gap are exact
+    # Derivatives by the gap are exact if it is given by name.
     return rig_at if others or one.entry is not None else one.name
 
 

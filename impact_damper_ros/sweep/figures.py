@@ -178,7 +178,7 @@ _STATED = """
     primary_mass stiffness damping damper_mass gap restitution_1 restitution_2 angle friction
     gravity air_force force_amplitudes force_frequencies base_amplitudes base_frequencies
 """
-#: Groups of parameters that are stated of a rig that has them.
+#: Groups of parameters that a figure states only if the rig has them.
 _IF: dict[str, Callable[[RigParameters], bool]] = {
     'force': lambda rig: any(rig.force_amplitudes),
     'base': lambda rig: rig.base_motion.moves,
@@ -243,7 +243,7 @@ def _without_damper(grid: Grid, measure: str) -> tuple[Array, Array] | None:
     return values, np.where(np.isfinite(found), found, np.nan)
 
 
-# The light scheme of Paul Tol, distinguishable with any colour vision; grey means failed
+# The light scheme of Paul Tol, distinguishable with any colour vision; grey marks failures.
 _COLORS = (
     '#77AADD', '#EE8866', '#EEDD88', '#FFAABB', '#44BB99', '#99DDFF', '#BBCC33', '#AAAA00',
 )  # fmt: skip
@@ -259,7 +259,7 @@ def basin_figure(table: pd.DataFrame) -> Figure:
     grid = Grid.from_inputs(table.attrs['inputs'])
     across, up = grid.axes
     numbers = table.attractor.to_numpy(float, na_value=-1.0)
-    # One colour for all attractors beyond those that have their own, and one for failures
+    # One colour for all further attractors, and one for failures
     cells = np.minimum(numbers, len(_COLORS)).reshape(grid.shape)
     colors = ListedColormap([_NONE, *_COLORS, _OTHERS])
     figure = blank_figure(6.3, 6.4, _fixed_text(grid))
@@ -299,7 +299,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     'down': {'color': GREEN, 'markersize': 1.5, 'label': 'followed downwards'},
 }
 _INK = '0.1'
-#: What theory says of a motion, by the measure that is drawn.
+#: Values of theory, by the measure that is drawn.
 _THEORY: dict[str, Callable[[PeriodicOrbit], float]] = {
     'x_max': lambda orbit: orbit.x_max,
     'x_max_ratio': lambda orbit: orbit.x_max_ratio,
@@ -372,7 +372,7 @@ def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str
     for branch in branches:
         phases = np.array([orbit.phases for orbit in branch.orbits])
         for column in np.unwrap(phases.T, period=1.0):
-            # Once for each turn into which the line reaches
+            # Once for each cycle into which the line reaches
             for turn in range(math.floor(column.min()), math.floor(column.max()) + 1):
                 _draw_branch(upper, branch, column - turn)
         for axes in lower:
@@ -464,7 +464,7 @@ def bifurcation_figure(
     if exponents:
         panels[2].axhline(0.0, color='0.3', linewidth=0.7)
         finite = exponent[np.isfinite(exponent)]
-        # A nearly superstable motion must not compress the others
+        # A nearly superstable motion must not compress the other curves.
         low = max(finite.min(), np.quantile(finite, 0.02) - 0.2)
         high = np.nanmax(np.where(np.isfinite(exponent), exponent + error, np.nan))
         panels[2].set_ylim(low - 0.04 * (high - low) - 0.02, high + 0.06 * (high - low) + 0.02)
@@ -492,7 +492,7 @@ def bifurcation_figure(
         finish_panel(panels[2], 'c', label, 'Lyapunov exponent\n[1/cycle]')
     own = middle.get_legend_handles_labels()[0]
     if handles:
-        # The sweep on the left, theory on the right
+        # The legend has the sweep on the left, theory on the right.
         blank = [Line2D([], [], linestyle='none', label=' ')]
         own += blank * (len(handles) - len(own))
         handles += blank * (len(own) - len(handles))
@@ -656,8 +656,8 @@ def draw_sweep(
     path : path
         The file; its suffix is the format, png, svg or pdf.
     branches : sequence of Branch, optional
-        Periodic motions along the one axis, as `branches_of` finds them, which is done here if
-        they are not given; an empty list omits them.
+        Periodic motions along the axis, by default those that `branches_of` finds; an empty list
+        omits them.
 
     Raises
     ------

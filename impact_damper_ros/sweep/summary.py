@@ -15,7 +15,7 @@ from .grid import Grid
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Reasons and attractors that are listed.
+#: Most reasons and attractors that are listed.
 _MOST_SHOWN = 8
 
 
@@ -71,7 +71,7 @@ def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
 
 
 def _counts(column: pd.Series[Any], most: int | None = None) -> dict[str, int]:
-    """Return how often each text occurs, the most frequent first."""
+    """Return the number of each text, the most frequent first."""
     return {str(text): int(count) for text, count in column.value_counts()[:most].items()}
 
 
