@@ -79,7 +79,7 @@ def test_stop_sequences(stops):
 def test_a_parameter_that_does_not_enter_the_equations(monkeypatch):
     monkeypatch.setattr(arguments, 'UNKNOWN', ('air_force',))
     assert find_orbits(LEVEL, (1, 2)).orbits
-    with pytest.raises(OrbitError, match=r'air_force is 0.1: .* does not know it, give 0.0'):
+    with pytest.raises(OrbitError, match=r'air_force is 0.1: .* does not cover it, give 0.0'):
         find_orbits(LEVEL.replace(air_force=0.1), (1, 2))
     monkeypatch.undo()
     assert arguments.UNKNOWN == ()
