@@ -10,8 +10,8 @@ functions of special points there: the component of the tangent along the parame
 where P is the derivative of the state over a period and C(P) its second compound matrix, whose
 eigenvalues are the products of two multipliers.
 
-A special point is where one of them, or whether the rig can perform the motion, changes between
-two points; it is sought in the planes across the chord between these.
+At a special point one of them changes sign, or the rig ceases to perform the motion. It is located
+between two points, in planes across their chord.
 """
 
 from __future__ import annotations
@@ -44,29 +44,29 @@ from .impact_equations import set_laws, write_linear_system, write_velocities
 from .start_scan import find_starts
 from .viability import judge
 
-#: What is noted of a solution: its residual, relative to the displacements; the number of free
-#: coordinates of its map of a period, 0 if that or the residual is too large; whether the rig can
-#: perform it; its largest |X|; the test functions; and the map, row by row.
+#: Notes of a solution: its residual, relative to the displacements; the number of free coordinates
+#: of its map of a period, 0 if that or the residual is too large; whether the rig can perform it;
+#: its largest |X|; the test functions; and the map, row by row.
 RESIDUAL, SIZE, VIABLE, X_MAX, FOLD, DOUBLING, TORUS, BRANCHING, MAP = range(9)
-#: A row of a trace, that is a point of a curve: the same; which test function is zero there, or
+#: A row of a trace is a point of a curve: the notes; the test function that is zero there, or
 #: `ORDINARY`, `BETWEEN` two such points, or `BEYOND` one where the rig no longer performs the
-#: motion; where it is along the chord; the parameter on both sides of the zero, and whether that
-#: is located; then the unknowns with the parameter, and the unit tangent.
+#: motion; the place along the chord; the parameter on both sides of the zero, and whether that is
+#: located; then the unknowns with the parameter, and the unit tangent.
 KIND, SHARE, NEARER, FARTHER, CONVERGED, COORDINATES = range(24, 30)
 ORDINARY, BETWEEN, BEYOND = 0, 1, -1
 #: Rows of a trace that are needed to find the special points between two others.
 SPARE = 24
-#: Residual of a point of a curve that is small enough, and the largest one.
+#: Residual at which the correction of a point ends, and largest residual of a point.
 ENOUGH, MOST = 1e-15, 1e-11
-#: How far the tangent may turn in a step, how a step grows, and the least one over the largest.
+#: Largest turn of the tangent in a step, growth of a step, and least step over the largest.
 SHARPEST_TURN, GROWTH, LEAST_STEP = 0.95, 1.4, 1e-7
 #: Error of a special point, as a share of the chord.
 LOCATED = 1e-9
 _MOST_LOOKS = 100
-#: Why steps end: there is no more room, the ends of the range, no motion nearby, and a motion that
-#: the rig cannot perform.
+#: Reasons for the end of steps: no more room, the ends of the range, no motion nearby, and a
+#: motion that the rig cannot perform.
 ROOM, LOW_END, HIGH_END, LOST, NOT_VIABLE = range(5)
-#: What `compute` does.
+#: Tasks of `compute`.
 SOLVE, CORRECT, GO_ON, LOCATE, FIND_STARTS, LINEAR_SYSTEM = range(6)
 
 
@@ -125,7 +125,7 @@ def compound_determinant(sheet: Any, size: int) -> float:
 
 @kernel
 def note_solution(problem: Problem, least: float, most: float) -> bool:
-    """Note what is known of the solution at the place; return whether it is one."""
+    """Write the notes of the solution at the place; return whether it is one."""
     sheet = problem.sheet
     sheet[MARKS, RESIDUAL] = least
     sheet[MARKS, SIZE] = 0.0
@@ -152,7 +152,7 @@ def note_solution(problem: Problem, least: float, most: float) -> bool:
 
 @kernel
 def solve_fixed(problem: Problem, enough: float, most: float) -> bool:
-    """Solve the equations of a rig from the place; return whether that is a solution."""
+    """Solve the equations of a rig from the place; return whether there is a solution."""
     least = newton(problem, False, True, enough)
     length = problem.sheet[UNITS, LENGTH]
     displaced = length
@@ -163,7 +163,7 @@ def solve_fixed(problem: Problem, enough: float, most: float) -> bool:
 
 @kernel
 def correct(problem: Problem, in_order: bool, enough: float) -> bool:
-    """Solve the equations in the plane through `GUESS`; return whether that is a solution."""
+    """Solve the equations in the plane through `GUESS`; return whether there is a solution."""
     sheet = problem.sheet
     count = coordinates(problem)
     for i in range(count):
@@ -210,7 +210,7 @@ def turn_between(problem: Problem, trace: Any, row: int) -> float:
 
 @kernel
 def aim(problem: Problem, trace: Any, row: int, step: float) -> None:
-    """Let the plane be that across the tangent of a point, a step ahead."""
+    """Set the plane across the tangent of a point, a step ahead."""
     count = coordinates(problem)
     for i in range(count):
         slope = trace[row, COORDINATES + count + i]
@@ -220,7 +220,7 @@ def aim(problem: Problem, trace: Any, row: int, step: float) -> None:
 
 @kernel
 def aim_at_value(problem: Problem, trace: Any, row: int, value: float) -> None:
-    """Let the plane be that of a value of the parameter, where the tangent meets it."""
+    """Set the plane of a value of the parameter, where the tangent meets it."""
     sheet = problem.sheet
     count = coordinates(problem)
     last = count - 1
@@ -236,7 +236,7 @@ def aim_at_value(problem: Problem, trace: Any, row: int, value: float) -> None:
 
 @kernel
 def aim_between(problem: Problem, trace: Any, row: int, end: int, share: float) -> None:
-    """Let the plane be across the chord from a point to another one, at a share of it."""
+    """Set the plane across the chord of two points, at a share of the chord."""
     sheet = problem.sheet
     count = coordinates(problem)
     length = 0.0
@@ -254,9 +254,10 @@ def next_share(
     x_1: float, f_1: float, x_2: float, f_2: float, x_3: float, f_3: float, least: float
 ) -> float:
     """
-    Return how far from the latest of three places towards the second one a zero is looked for.
+    Return the next place to look for a zero, as a share of the way to the second of three places.
 
-    By inverse quadratic interpolation where that is safe, or half-way (Chandrupatla, 1997).
+    It is found by inverse quadratic interpolation where that is safe, or half-way (Chandrupatla,
+    1997).
     """
     part = 0.5
     if f_3 not in (f_1, f_2):
@@ -270,9 +271,10 @@ def next_share(
 @kernel
 def locate(problem: Problem, trace: Any, row: int, test: int, in_order: bool, place: int) -> None:
     """
-    Find where a test function changes sign between two points, into a row; what is beyond follows.
+    Write the point where a test function changes sign between two points into a row.
 
-    Both begin as these points, and come closer on either side of the zero.
+    Two brackets begin as these points, and come closer on either side of the zero. The point
+    beyond follows in the next row.
     """
     sheet = problem.sheet
     value = COORDINATES + coordinates(problem) - 1
@@ -319,10 +321,10 @@ def locate(problem: Problem, trace: Any, row: int, test: int, in_order: bool, pl
 @kernel
 def add_special_points(problem: Problem, trace: Any, row: int, in_order: bool) -> int:
     """
-    Put the special points between a point and the next one between them; return its new row.
+    Insert the special points between a point and the next one; return the new row of the latter.
 
-    Between two of them, where the motion is of another kind than on both sides, is one more; and
-    that beyond the end of viability follows it.
+    A further point is inserted between two of them, where the motion is of another kind than on
+    both sides, and one beyond an end of viability.
     """
     last = len(trace) - SPARE
     fold = trace[row, FOLD] * trace[row + 1, FOLD] < 0.0
@@ -366,7 +368,7 @@ def step_along(
     problem: Problem, trace: Any, in_order: bool, low: float, high: float
 ) -> tuple[int, int]:
     """
-    Step along a curve from the first row of a trace on; return why it ends, and the last row.
+    Step along a curve from the first row of a trace; return why steps end, and the last row.
 
     Where the curve is not kept in order, a motion that the rig cannot perform ends it, in the last
     row. The present and the largest step are in the last row of the trace, and whether special
@@ -406,7 +408,7 @@ def step_along(
             way = sheet[PLACE, i] - trace[row, COORDINATES + i]
             ahead += way * trace[row, COORDINATES + count + i]
         if edge != ROOM and ahead < LEAST_STEP * largest:
-            # It begins there
+            # The curve begins at that end of the range.
             ended = edge
             break
         write_point(problem, trace, row + 1)
@@ -430,13 +432,13 @@ def compute(
     problem: Problem, trace: Any, task: int, in_order: bool, one: float, other: float
 ) -> tuple[int, int]:
     """
-    Do what Python asks for, with all constants of the rig set anew.
+    Carry out a task of Python, with all constants of the rig set anew.
 
-    `SOLVE` and `CORRECT` take the residual that is enough, and the largest one: whether there is
-    a solution. `GO_ON` takes a range: why it ends, and the last row. `LOCATE` adds the special
-    points between the first two rows: the last row. `FIND_STARTS` writes
-    starts of a part of a scan, from a place to before another one: how many there are.
-    `LINEAR_SYSTEM` writes that of the instants at the place, or the velocities there.
+    `SOLVE` and `CORRECT` take the residual that is enough, and the largest one, and return whether
+    there is a solution. `GO_ON` takes a range, and returns why the steps end, and the last row.
+    `LOCATE` adds the special points between the first two rows, and returns the last row.
+    `FIND_STARTS` writes the starts in a part of a scan, and returns their number. `LINEAR_SYSTEM`
+    writes the linear equations of the instants at the place, or the velocities there.
     """
     set_rig(problem.moving.constants, problem.moving.lines, problem.sheet[RIG])
     if task == GO_ON:

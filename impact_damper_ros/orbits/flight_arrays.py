@@ -4,8 +4,8 @@ Flights of a rig as arrays: the motion between events in closed form, many fligh
 
 A row is the state just after an event. From there M is a driven oscillator, and m moves under its
 weight, friction and air, or with M, until the next row. Integrals are those of Gauss, exact to
-round-off; extremes are turning points. Where a bag has no snapshot, its samples are rows too, and
-the flights between them are those that the recorded states begin.
+round-off; extremes are turning points. Where a bag has no snapshot, its samples are rows, too, and
+each recorded state begins a flight.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ from .response import Array, forced_response, unit_response
 
 Mask = NDArray[np.bool_]
 
-#: Kind of rows beside those of events: the state at some instant.
+#: Kind of rows that are no events: the state at some instant.
 STATE = 0
 #: Direction in which the air drives m, by the stop hit last.
 _AWAY: Array = np.array([0.0, -1.0, 1.0])
 
 
 def _mask_of(*kinds: EventKind) -> Mask:
-    """Return for each kind of row whether it is one of some."""
+    """Return a mask over the kinds of rows."""
     return np.isin(np.arange(max(EventKind) + 1), kinds)
 
 
@@ -100,8 +100,8 @@ def _together(rows: Events) -> Mask:
     """
     Return whether M and m move as one after each row.
 
-    The last bounces of a chatter, which are not resolved, count as rest. The modes after events
-    are negative where they are not known.
+    The last bounces of a chatter, which are not resolved, count as rest. An unknown mode after an
+    event is negative.
     """
     kind, mode = rows['kind'], rows['mode']
     known = (kind > 0) & (mode >= 0)
@@ -112,7 +112,7 @@ def _together(rows: Events) -> Mask:
     if known[kind > 0].all():
         return together
     rests = np.where(kind == EventKind.REST, 1, 0)
-    # The next row that decides is a rest
+    # The next row that decides is a rest.
     ends = np.append(rests[1:], 0), np.append(decided[1:], True)
     coming = _last_known(*(part[::-1] for part in ends[::-1]))[::-1] == 1
     latest = _last_known(decided, np.where(known, 0, kind).astype(np.int64))
@@ -141,8 +141,8 @@ class Drive(NamedTuple):
     """The force at an instant."""
 
     time: float  # rig time, s
-    angles: tuple[float, ...]  # turned by the harmonics, without their phases, rad
-    frequencies: tuple[float, ...]  # of the harmonics, rad/s
+    angles: tuple[float, ...]  # angles turned by the harmonics, without their phases, rad
+    frequencies: tuple[float, ...]  # frequencies of the harmonics, rad/s
 
     @property
     def cycle(self) -> float:
@@ -164,14 +164,14 @@ class Flights:
     """
     Consecutive flights of a rig with constant parameters.
 
-    Without the phase of the force there is nothing between the rows.
+    Without the phase of the force the motion between the rows is unknown.
 
     Attributes
     ----------
     rig : RigParameters
         The rig.
     rows : ndarray of EVENT_TYPE, shape (n + 1,)
-        State just after the events that begin them, and where the last one ends.
+        State just after the events that begin the flights, and at the end of the last one.
     drive : Drive or None
         The force at an instant, if its phase is known.
     together : ndarray of bool, shape (n + 1,)
@@ -216,9 +216,9 @@ class Flights:
         """
         Return the flights between rows.
 
-        The first of them has the mode and the stop hit last; `drive` is the force there, and
-        `active` the active one, N. `steps` are the first harmonics, as rows of `first`, before
-        and after each of the frequency steps among the rows.
+        The first row has the mode and the stop hit last; `drive` is the force there, and `active`
+        the active force, N. `steps` are the first harmonics, as rows of `first`, before and after
+        each of the frequency steps among the rows.
         """
         stops = np.where(rows['kind'] == EventKind.IMPACT, rows['stop'], 0)
         stops[0] = rows['stop'][0]
@@ -257,7 +257,7 @@ class Flights:
         return len(self.rows) - 1
 
     def __repr__(self) -> str:
-        """Return from when to when they are, and how many impacts they have."""
+        """Return the times of the flights and the number of their impacts in a line."""
         start, end = self.rows['time'][[0, -1]] if len(self.rows) else (0.0, 0.0)
         return (
             f'<Flights: {len(self)} from {start:.6g} to {end:.6g} s, '
@@ -276,18 +276,18 @@ class Flights:
 
     @property
     def starts(self) -> Array:
-        """Instants at which they begin, s."""
+        """Instants at which the flights begin, s."""
         starts: Array = self.rows['time'][:-1]
         return starts
 
     @cached_property
     def spans(self) -> Array:
-        """Their durations, s."""
+        """Durations of the flights, s."""
         return np.diff(self.rows['time'])
 
     @cached_property
     def law_rows(self) -> Array:
-        """The equations of motion in them, as `write_laws` writes them."""
+        """The equations of motion in the flights, as rows of `write_laws`."""
         laws = np.empty((len(self), LAW_COLUMNS))
         call_kernel(
             write_laws, self.rows, self.together, self.stop, packed_constants(self.rig), laws
@@ -296,7 +296,7 @@ class Flights:
 
     @cached_property
     def laws(self) -> FlightLaws:
-        """The equations of motion in them, without the active force."""
+        """The equations of motion in the flights, without the active force."""
         return FlightLaws(*self.law_rows.T)
 
     def drive_after(self) -> Drive | None:
@@ -386,7 +386,7 @@ class Flights:
         speed: Array = begin['damper_velocity_after']
         relative = np.subtract(speed, begin['primary_velocity_after'])
         z = np.add(begin['x'], begin['y']) + tau * (speed + 0.5 * tau * fall)
-        # The bounces that are not resolved are those of m on the stop.
+        # In bounces that are not resolved m is on the stop.
         held = np.where(begin['kind'] == EventKind.IMPACT, 0.0, relative)
         joint = self.together[index]
         return (
@@ -425,7 +425,7 @@ class Flights:
 
     @cached_property
     def columns(self) -> Array:
-        """What kernels are given of each flight beside its law."""
+        """Columns of the flights for kernels, beside the equations of motion."""
         assert self.drive is not None
         columns = np.empty((len(self), FLIGHT_COLUMNS))
         columns[:, FLIGHT_ACTIVE] = self.active[:-1]
@@ -436,7 +436,7 @@ class Flights:
 
     @property
     def lines(self) -> Array:
-        """The harmonics, with the angles that they have turned at time 0 of the force."""
+        """The harmonics, with the angles that they have turned at the force's time 0."""
         assert self.drive is not None
         sizes, _, phases = self._harmonics
         base = np.zeros(len(sizes), complex)
@@ -507,7 +507,7 @@ class Flights:
         return energy
 
     def stored_energy(self) -> float:
-        """Return by how much kinetic and potential energy have changed, J."""
+        """Return the change of kinetic and potential energy, J."""
         rig, ends = self.rig, self.rows[[0, -1]]
         speed, damper = ends['primary_velocity_after'], ends['damper_velocity_after']
         slope = rig.gravity * math.sin(rig.angle)
@@ -520,7 +520,7 @@ class Flights:
         """
         Return instants, X, X', Y and Y', with both sides of each event.
 
-        Without a known force, they are those of the rows.
+        Without a known force only the rows are returned.
         """
         if self.drive is None:
             rows = np.repeat(self.rows, 2)
@@ -541,13 +541,13 @@ class Flights:
 def _loss_of(rows: Events, mass_name: str, mass: float) -> Array:
     """Return the kinetic energy that a mass lost in each of some events, J."""
     before, after = rows[f'{mass_name}_velocity_before'], rows[f'{mass_name}_velocity_after']
-    # A difference of squares without its cancellation
+    # A difference of squares, without cancellation
     lost: Array = 0.5 * mass * (before - after) * (before + after)
     return lost
 
 
 class FlightStart(NamedTuple):
-    """A state of a rig from which its flights are wanted, as long as its parameters stay."""
+    """A state of a rig from which flights are recorded, as long as its parameters stay."""
 
     row: Events
     drive: Drive
@@ -573,7 +573,7 @@ def run_flights(rig: Rig, end: float) -> Flights:
     Parameters
     ----------
     rig : Rig
-        The rig, which is run on. Its force is not a swept one.
+        The rig, which is run on. Its force must not be swept.
     end : float
         The time, s.
 
@@ -587,7 +587,7 @@ def run_flights(rig: Rig, end: float) -> Flights:
     TypeError
         If the rig is no `Rig`.
     RunawayError
-        If the rig has too many events; it stands where it gave up.
+        If the rig has too many events; it then stays at the last one.
 
     Examples
     --------

@@ -43,11 +43,11 @@ _HALF_TURN = 3.141592653589793
 
 @kernel
 def set_laws(problem: Problem) -> None:
-    """Write what the equations ask for of each impact into its row, for a constant R."""
+    """Write the entries of each impact in the equations into its row, for a constant R."""
     nodes, table, constants = problem.nodes, problem.table, problem.moving.constants
     for j in range(len(nodes)):
         after = nodes[(j + 1) % len(nodes)].stop
-        # The paper's lambda of the flight after it; 0 if that returns to the same stop
+        # The paper's lambda of the flight after the impact; 0 if that returns to the same stop
         direction = nodes[j].stop - after
         air = -constants.air if nodes[j].stop == 1 else constants.air
         friction = direction * constants.grip
@@ -80,7 +80,7 @@ def velocity_after(problem: Problem, j: int) -> float:
 
 @kernel
 def write_velocities(problem: Problem) -> None:
-    """Let the velocities at the place be those that displacements and instants ask for."""
+    """Set the velocities at the place that follow from displacements and instants."""
     sheet = problem.sheet
     spread(problem)
     speed = unit_of_unknown(problem, 1)

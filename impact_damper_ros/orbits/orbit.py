@@ -14,14 +14,14 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arguments import single_harmonic
 
-#: A multiplier whose modulus is nearer to 1 is on the unit circle: round-off leaves half of the
-#: digits of a double one.
+#: A multiplier whose modulus is nearer to 1 is on the unit circle: a double multiplier has half of
+#: the digits only.
 NEUTRAL = 1e-6
 
-#: Stops that are named in a line.
+#: Most stops that are named in a line.
 _SHOWN = 12
 
-#: What a motion has one of for each impact, beside the stop and the phase.
+#: Fields of a motion with an entry for each impact, without the stop and the phase.
 AT_IMPACTS = (
     'x',
     'primary_velocity_before',
@@ -49,7 +49,7 @@ class OrbitEvent(NamedTuple):
     stop : int
         The stop concerned, or 0.
     phase : float
-        Its instant, counted as the phases of the impacts.
+        Instant of the event, counted as the phases of the impacts.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class Apart(NamedTuple):
 @dataclass(frozen=True)
 class Rhythm:
     """
-    A repeated sequence of impacts: what a measured periodic motion and a predicted one share.
+    A repeated sequence of impacts, of a measured or a predicted periodic motion.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Rhythm:
         """
         Return the rhythm of the impacts in a period, their phases from any whole cycle on.
 
-        It begins on stop 1 after stop 2, if there is such a place.
+        The rhythm begins on stop 1 after stop 2, if there is such an impact.
         """
         whole = math.floor(phases[0])
         inside = tuple((phase - whole) % cycles for phase in phases)
@@ -147,7 +147,7 @@ class Rhythm:
         return tuple((phase - whole) % self.cycles for phase in late)
 
     def _cycles_before(self, impact: int) -> int:
-        """Return the whole cycles before an impact, which do not matter."""
+        """Return the whole cycles before an impact, which are left out."""
         return math.floor(self.phases[impact])
 
     def shifts(self, stops: tuple[int, ...]) -> list[int]:
@@ -158,7 +158,7 @@ class Rhythm:
         """Return the distance from another motion, if this one begins at one of its impacts."""
         size = max(self.x_max, other.x_max) or 1.0
         phases, x = self.phases_from(shift), self.x[shift:] + self.x[:shift]
-        # A motion that repeats after k cycles may begin in any of them
+        # A motion that repeats after k cycles may begin in any of them.
         first = phases[0] - other.phases[0]
         whole = round(first)
         differ = [abs(first - whole)]
@@ -170,10 +170,9 @@ class Rhythm:
 
     def nearest_turn(self, other: Rhythm) -> tuple[Self, Apart] | None:
         """
-        Return this motion beginning at the same impact as another one, and their distance.
+        Return this motion from the impact that matches another motion best, and the distance.
 
-        Of several impacts that match the stops, the one with the least distance; None if stops or
-        period differ.
+        The impact is that with the least distance; None if stops or period differ.
         """
         if self.cycles != other.cycles:
             return None
@@ -185,11 +184,11 @@ class Rhythm:
 
     def distance(self, other: Rhythm) -> float:
         """
-        Return how far apart two motions are, whatever impact each is counted from.
+        Return the distance of two motions, whatever impact each is counted from.
 
-        The largest difference of the instants of the impacts, in cycles of the force, and of X
-        there, relative to the largest |X|; infinite if stops or period differ. Whole cycles before
-        the first impact do not matter.
+        The distance is the largest difference of the instants of the impacts, in cycles of the
+        force, and of X there, relative to the largest |X|; infinite if stops or period differ.
+        Whole cycles before the first impact do not matter.
         """
         shifts = self.shifts(other.stops) if self.cycles == other.cycles else []
         return min((max(self._apart(shift, other)) for shift in shifts), default=math.inf)
@@ -208,7 +207,7 @@ class PeriodicOrbit(Rhythm):
     Attributes
     ----------
     stops, cycles, phases, x, x_max
-        As of a `Rhythm`. Under several harmonics the first phase may be any in [0, k).
+        As in `Rhythm`. Under several harmonics the first phase may be any in [0, k).
     parameters : RigParameters
         The rig.
     primary_velocity_before, primary_velocity_after : tuple of float
@@ -216,13 +215,13 @@ class PeriodicOrbit(Rhythm):
     damper_velocity_before, damper_velocity_after : tuple of float
         Absolute velocity of m just before and just after each impact, m/s.
     multipliers : tuple of complex
-        Stability multipliers, largest modulus first. There are four; those that belong to a
-        phase of sticking or rest are zero.
+        Stability multipliers, largest modulus first. There are four; a phase of sticking or rest
+        makes some of them zero.
     viable : bool
-        Whether the rig can perform it: m stays between the stops, hits them from within at these
-        instants only, and friction is as assumed.
+        Whether the rig can perform the motion: m stays between the stops, hits them from within at
+        these instants only, and friction is as assumed.
     reason : str
-        Why it is not viable; empty if it is.
+        Why the motion is not viable; empty if it is.
     residual : float
         Largest residual of the equations, relative to the displacements.
     residual_history : tuple of float
@@ -274,12 +273,12 @@ class PeriodicOrbit(Rhythm):
 
     @property
     def neutral(self) -> bool:
-        """Whether the largest is on it, as in a rig without losses: deviations remain."""
+        """Whether the largest multiplier has modulus 1: without losses deviations remain."""
         return self.stability == 'neutral'
 
     @property
     def unstable(self) -> bool:
-        """Whether the largest is outside: small deviations grow."""
+        """Whether the largest multiplier is outside the unit circle: small deviations grow."""
         return self.stability == 'unstable'
 
     @property

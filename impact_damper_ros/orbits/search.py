@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search for periodic motions: which solver applies, and what its roots are."""
+"""The search for periodic motions: the solver that applies, and its roots."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ from .periodic_problem import Solution
 from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solve_orbit
 from .starts import ImpactEquations, few_impact_roots, many_impact_roots
 
-#: Motions closer than this, relative to their size, are the same.
+#: Motions closer than this, relative to their size, are one.
 SAME = 1e-7
 
-#: The same motions have largest |X| closer than this, which is compared first.
+#: Largest difference of the largest |X| of one motion, which is compared first.
 _ALIKE = 1e-4
 
 #: Restitution below which a chatter may have only one or two impacts before m rests.
@@ -56,11 +56,11 @@ MOST_CYCLES = 1000
 
 _SETTLING_CYCLES = 120
 _STARTS_PER_RUN = 3
-#: Most events of a period, on average, of a rig that is run; first of some periods.
+#: Most events of a period, on average, of a rig that is run, over the first number of periods.
 _MOST_EVENTS = 200
 _FIRST_PERIODS = 10
-#: Changes of the velocity of M that make a rig leave an unstable motion, as shares of Xmax Omega:
-#: wide ones from a motion that is slowly left, narrow ones from one with another next to it.
+#: Changes of the velocity of M by which a rig leaves an unstable motion, as shares of Xmax Omega:
+#: large ones for slow departures, small ones where another motion is near.
 _PUSHES = 1e-2, -1e-2, 1e-4, -1e-4
 _FIRST_SHARE = 0.25
 _LEAST_SHARE = 1.0 / 64.0
@@ -73,7 +73,7 @@ _NUMBERS = [
 
 class StartReport(NamedTuple):
     """
-    From how many starts the motions of one stop sequence were searched for.
+    The starts of a search for the motions of one stop sequence.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class StartReport(NamedTuple):
         Guesses from which Newton's method began, but for those of the scan: systematic ones,
         motions of a simpler rig, without friction or with one harmonic, and simulated motion.
     converged : int
-        How many of them led to a motion, of these or of other stops.
+        Number of starts that led to a motion, with these or other stops.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class StartReport(NamedTuple):
     converged: int = 0
 
     def with_guesses(self, orbits: Sequence[PeriodicOrbit | None]) -> Self:
-        """Return the report with further starts, by the motions they led to."""
+        """Return the report with further starts, given the motions to which they led."""
         reached = len(orbits) - orbits.count(None)
         return self._replace(starts=self.starts + len(orbits), converged=self.converged + reached)
 
@@ -148,7 +148,7 @@ def _hits(solution: Solution) -> bool:
 
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
     """
-    Return a motion with its impacts in the order of the given stops; None if it has others.
+    Return a motion with its impacts in the order of the given stops; None if it has other stops.
 
     If several orders match, the one whose first impact is earliest in the cycle of the force.
     """
@@ -216,8 +216,8 @@ def starting_rigs(parameters: RigParameters) -> Iterator[Rig]:
     """
     Yield rigs that may settle into different motions.
 
-    At rest; displaced; moving fast; with m next to a stop. Scaled by the response without
-    impacts and the gap, as far as that is admissible.
+    They start at rest, displaced, moving fast, or with m next to a stop, scaled by the response
+    without impacts and the gap as far as that is admissible.
     """
     static = abs(parameters.first_harmonic[0]) / parameters.stiffness
     amplitude = min(parameters.response_amplitude, 5.0 * static)
@@ -246,9 +246,9 @@ def starting_rigs(parameters: RigParameters) -> Iterator[Rig]:
 
 def _settled_near(rig: Rig, instant: float, cycles: int) -> Iterator[PeriodicOrbit | None]:
     """
-    Yield the motions near that of a rig which has had time to settle; None where there is none.
+    Yield the motions near that of a rig which has had time to settle, or None.
 
-    It starts at an instant of its force, s. A rig that has too many events is given up.
+    The rig starts at an instant of its force, s. A rig with too many events is left out.
     """
     parameters = rig.parameters
     period = cycles * math.tau / parameters.first_harmonic[1]
@@ -276,7 +276,7 @@ def settled_orbits(parameters: RigParameters, cycles: int) -> tuple[PeriodicOrbi
 
 
 def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | None]:
-    """Yield the orbits that a rig reaches after a small push off an unstable one, both ways."""
+    """Yield the orbits that a rig reaches from an unstable one by small changes of velocity."""
     rate = orbit.parameters.first_harmonic[1]
     for push in _PUSHES:
         rig = after_impact(orbit, orbit.parameters, push * orbit.x_max * rate)
@@ -297,7 +297,7 @@ def carried_over(orbit: PeriodicOrbit, parameters: RigParameters) -> PeriodicOrb
     """
     Follow a motion to another rig, on the straight line between the parameters.
 
-    The rig that it starts from has the first harmonic only, or all the same.
+    The rig of the motion has the first harmonic only, or the same harmonics.
     """
     start = {name: getattr(orbit.parameters, name) for name in _NUMBERS}
     end = {name: getattr(parameters, name) for name in _NUMBERS}
@@ -332,11 +332,10 @@ def _followed_orbits(
     simulate: bool = True,
 ) -> list[PeriodicOrbit | None]:
     """
-    Return what each guess leads to, from motions of a simpler rig with these stops and simulation.
+    Return the motion of each guess: motions of a simpler rig with these stops, and simulation.
 
-    Simulated are runs from several starting points, and from near the unstable motions found so
-    far and those that repeat within the period: another one that the rig can perform is often
-    next to those.
+    Runs are simulated from several starting points, and from near the unstable motions so far and
+    those that repeat within the period, next to which the rig often performs another motion.
     """
     orbits = [carried_over(orbit, parameters) for orbit in simpler]
     if simulate:
@@ -369,7 +368,8 @@ def _simpler_orbits(
     """
     Yield the motions with these stops of the rig without friction or with the first harmonic only.
 
-    The period of several harmonics may hold several of its periods, of which any may come first.
+    The period of several harmonics may contain several periods of the first, any of which may come
+    first.
     """
     simple, single = _with_first_harmonic(parameters), single_harmonic(parameters)
     if not within_theory(machine_of(parameters).constants.grip, stops):
@@ -435,7 +435,7 @@ def find_orbits(
     OrbitError
         If the search does not apply to the rig or to the arguments.
     TypeError
-        If the rig is none.
+        If `parameters` is no `RigParameters`.
 
     Examples
     --------
@@ -460,7 +460,7 @@ def find_orbits(
         ) from error
 
 
-# Also for the searches of their multiples
+# The cache also serves searches of multiples.
 @lru_cache(maxsize=32)
 def _orbits_with(
     parameters: RigParameters,

@@ -33,21 +33,21 @@ from .recurrence import (
 )
 from .solved_orbits import counted_from_zero, orbit_near
 
-#: For how many cycles at least the states must come back.
+#: Fewest cycles in which the states must come back.
 _LEAST_REPEATS = 10
-#: Displacements smaller than this share of the static one are looked at more closely.
+#: Displacements below this share of the static one are checked more closely.
 _SMALL = 1e-2
 #: Distance that round-off alone makes.
 _SAME_STATE = 1e-13
-#: A state that is farther than so many tolerances from all before it begins no period.
+#: A state farther than this number of tolerances from all before it begins no period.
 _NEAR = 1e3
 #: A motion that repeats is unstable if deviations grow by more than this factor in a period.
 _GROWS = 1.001
-#: States are taken at one phase as long as it has this part of the widest gap between impacts.
+#: States are taken at one phase as long as its gap between impacts is this part of the widest one.
 _STILL_QUIET = 0.3
 #: Fewest cycles of which an exponent is measured.
 _FEWEST = 21
-#: Impacts from which the motion of the theory is sought, and its largest distance.
+#: Number of impacts from which the motion of theory is sought, and its largest distance.
 _STARTS, _REACHED = 3, 1e-2
 _UNKNOWN = Exponent(math.nan, math.nan)
 
@@ -66,7 +66,7 @@ def cycle_of(parameters: RigParameters) -> float:
 
 
 def _repeat(turns: list[float], longest: int) -> bool:
-    """Return whether all make whole numbers of turns in some cycles, given the turns per cycle."""
+    """Return whether all harmonics, given turns per cycle, make whole turns in some cycles."""
     return any(
         all(abs(k * turn - round(k * turn)) < 1e-9 * max(k * turn, 1.0) for turn in turns)
         for k in range(1, longest + 1)
@@ -82,10 +82,10 @@ def relative_states(samples: np.ndarray[Any, np.dtype[np.void]]) -> Array:
 
 
 class _Stretch(NamedTuple):
-    """A part of a run from one look to the next."""
+    """A part of a run between two comparisons."""
 
     start: float
-    first: Events  # the state there, as a row
+    first: Events  # the state at its begin, as a row
     active: float  # the active force there, N
     events: Events
     section: Array  # states in each of its cycles
@@ -96,7 +96,7 @@ class SettledMotion:
     """
     The motion of a rig after it was run until it repeats, or a limit was reached.
 
-    The rig itself is where the run ended, a whole number of cycles after its start.
+    The rig is at the end of the run, a whole number of cycles after its start.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class SettledMotion:
         stable; `QUASI_PERIODIC`, `CHAOTIC` or `UNDECIDED`, by the thresholds of
         `orbits.irregularity`, of one that does not; `NOT_PERIODICALLY_DRIVEN`.
     period : Period or None
-        How it repeats, on the stroboscopic section; None if it does not.
+        Period on the stroboscopic section; None if the motion does not repeat.
     parameters : RigParameters
         The rig.
     cycle : float
@@ -113,9 +113,9 @@ class SettledMotion:
     start : float
         Time at which the run began, s.
     turned : float
-        Angle of the force's first harmonic then, in cycles, as phases count it.
+        Angle of the force's first harmonic at the start, in cycles, as phases count it.
     cycles : int
-        Cycles run since.
+        Cycles of the run.
     events : ndarray of EVENT_TYPE
         Events of the cycles that were watched: the last ones, at least a period.
     event_count : int
@@ -126,12 +126,13 @@ class SettledMotion:
         Largest Lyapunov exponent; NaN under gap control, where it is not measured, or if too
         little was watched.
     multiplier : float
-        Modulus of the largest multiplier of a period; NaN if it does not repeat, or as above.
+        Modulus of the largest multiplier of a period; NaN if the motion does not repeat, or where
+        the exponent is NaN.
     indications : Indications or None
         The evidence for and against chaos of a motion that does not repeat, per cycle; None
         under gap control.
     reason : str
-        Why the rig could not be run on, and the remedy; empty if it could.
+        Why the run ended early, and the remedy; empty if it did not.
 
     Examples
     --------
@@ -197,7 +198,7 @@ class SettledMotion:
     def _flights(self) -> Flights:
         """The cycles that were watched."""
         rows = one_table(self._first, self.events, self._last)
-        # The steps of a swept force are not known
+        # The steps of a swept force are unknown.
         drive = self._drive if self.parameters.sweep_mode == 'off' else None
         return Flights.between(self.parameters, rows, drive, active=self._active)
 
@@ -228,15 +229,15 @@ class SettledMotion:
     @cached_property
     def orbit(self) -> PeriodicOrbit | None:
         """
-        The motion of the theory that was reached, begun at the same impact as `rhythm`.
+        The motion of theory that was reached, begun at the same impact as `rhythm`.
 
-        None if there is none within the rest of the transient, or stops move.
+        It is None if no motion is within the rest of the transient, or stops move.
         """
         rhythm = self.rhythm
         if rhythm is None or self.period is None:
             return None
         rig = counted_from_zero(self.parameters, self._drive.angles)
-        # From the strongest impact on, which round-off least decides
+        # The search begins at the strongest impact: round-off matters least there.
         hits = sorted(self.impacts, key=lambda event: -abs(event.impulse))
         for impact in hits[:_STARTS]:
             orbit = orbit_near(rig, impact, self.phase(impact.time), rhythm.cycles)
@@ -247,15 +248,15 @@ class SettledMotion:
 
     def deviations(self, start: float, end: float) -> Deviations:
         """
-        Return what carries deviations from one watched time to another, s.
+        Return the flights that carry deviations from one watched time to another, s.
 
-        It holds for stops that do not move.
+        The stops must not move.
         """
         return Deviations(self._flights, start, end)
 
 
 def _kept_quiet(phases: Array, before: float) -> float:
-    """Return a phase without impacts: the one before, unless impacts have come near to it."""
+    """Return a phase without impacts: the last phase, unless impacts have come near to it."""
     if not len(phases):
         return before
     best = quiet_phase(phases)
@@ -264,7 +265,7 @@ def _kept_quiet(phases: Array, before: float) -> float:
 
 
 class _SettlingRig:
-    """A rig that is run by whole cycles of its force, and what is known of its last ones."""
+    """A rig that is run by whole cycles of its force, and the records of its last cycles."""
 
     def __init__(self, rig: Rig, watch: int, most_events: int, longest: int) -> None:
         parameters, state = rig.parameters, rig.state()
@@ -322,15 +323,15 @@ class _SettlingRig:
         section, quiet = states[1::2], states[::2]
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
         if size < _SMALL * self._static:
-            # M may pass zero at the ends of all cycles
+            # M may pass zero at the ends of all cycles.
             rows = one_table(first, result.events, self.last)
             flights = Flights.between(self.parameters, rows, self.drive, active=active)
             size += flights.cut(self.time, math.inf).integrals()[1]
-        # A rig without force has settled once next to nothing of its start is left
+        # A rig without force has settled once its start has decayed.
         forced = bool(_active_rates(self.parameters))
         self._size = size if forced else max(size, self._size)
         if self._controlled:
-            # Stops that still move are not settled, whether m reaches them or not
+            # Stops that still move are not settled, whether m reaches them or not.
             samples = result.samples[1::2]
             places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
@@ -348,7 +349,7 @@ class _SettlingRig:
         """Return the period with which the last states repeat."""
         if not self.driven or len(self._section) < 2:
             return None
-        # All alike without any motion
+        # Without motion all states are equal.
         size = (self._size or 1.0) * np.array([1.0, self.rate] * 2)
         if self._controlled:
             far = float(np.abs(self._section[-1, 4:]).max())
@@ -361,7 +362,7 @@ class _SettlingRig:
         return find_period(section, tolerance, _SAME_STATE, longest=self.longest)
 
     def result(self, kind: MotionKind, **fields: Any) -> SettledMotion:
-        """Return the motion, given what is known of it."""
+        """Return the motion, given its kind and further fields."""
         first, active = np.zeros(1, EVENT_TYPE), 0.0
         if self.stretches:
             first, active = self.stretches[0].first, self.stretches[0].active
@@ -418,7 +419,7 @@ class _SettlingRig:
 
 
 def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
-    """Return exponent and largest multiplier of a period; the one before gives the uncertainty."""
+    """Return exponent and largest multiplier of a period; the one before gives the error."""
     before = along.end - span
     ends = [before, along.end] if before > along.start else [along.end]
     products = monodromy_of(along, np.array(ends))
@@ -445,7 +446,7 @@ def settle(
     Every few cycles of the force the states at the ends of all cycles so far are compared. The
     motion has settled if they come back after 1 to 16 cycles, for two periods and at least ten
     cycles. A motion that comes back but is unstable by its multipliers is run on until it
-    departs. One that does not repeat within the given cycles is judged by its last ones.
+    departs. A motion that does not repeat within the given cycles is judged by its last cycles.
 
     Parameters
     ----------
@@ -454,14 +455,14 @@ def settle(
     cycles : int, optional
         Most cycles of the force to run; of the spring, if there is no force.
     watch : int, optional
-        How many of the last cycles are kept and judged if the motion does not repeat: at least
-        300 of them decide between chaos and quasi-periodic motion.
+        Number of last cycles that are kept and judged if the motion does not repeat: at least 300
+        distinguish chaos from quasi-periodic motion.
     tolerance : float, optional
         How closely the states a period apart must agree, relative to the size of the motion.
     events : int, optional
         Most events of the run; with more it ends, and `reason` reports it.
     between : int, optional
-        Cycles between two looks.
+        Cycles between two comparisons.
     quiet : float, optional
         Cycles without an impact after which the run ends, whether M has settled or not.
     longest : int, optional

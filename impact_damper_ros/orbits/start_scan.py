@@ -3,11 +3,11 @@
 All starts of motions with one or two impacts in a period, in kernels.
 
 The linear part of the impact equations leaves, for fixed instants, vectors (X_1, .., X_N, C, S, W)
-that satisfy it up to a factor; the force then asks for C^2 + S^2 = W^2. For N = 1 these vectors
+that satisfy it up to a factor; the force then requires C^2 + S^2 = W^2. For N = 1 these vectors
 span a plane and the condition is a quadratic. For N = 2 they are one vector for each alpha_2, and
 the condition is one equation for alpha_2: the paper's (16), in a form without poles. Where the
 equations lose rank, as in the symmetric motion of a symmetric rig, it is a quadratic again. These
-are all starts that there are; those of more impacts are sought by `variable_projection`.
+are all starts of one or two impacts; `variable_projection` searches for starts of more.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from .impact_equations import set_laws, write_linear_system, write_velocities
 from .variable_projection import approach_roots
 
 _HALF_TURN = 3.141592653589793
-#: A W that is smaller, relative to the vector, is none.
+#: A smaller W, relative to the vector, counts as zero.
 _VANISHING = 1e-12
-#: Places of a scan that come ever closer to an end of the period.
+#: Number of places of a scan that approach an end of the period.
 _CLOSE_PLACES = 12
 _BISECTIONS = 12
 _NARROWINGS, _GOLDEN = 28, 0.6180339887498949
@@ -46,7 +46,7 @@ _NARROWINGS, _GOLDEN = 28, 0.6180339887498949
 
 @kernel
 def scale_system(problem: Problem, rows: int, columns: int) -> None:
-    """Let the rows be of similar size, and those of displacements in units of the length."""
+    """Scale the rows to similar size, those of displacements to units of the length."""
     sheet = problem.sheet
     first = matrix_row(problem, BEST_DERIVATIVE)
     for i in range(first, first + rows):
@@ -94,9 +94,9 @@ def eliminate(problem: Problem, rows: int, columns: int) -> float:
 @kernel
 def write_null_vector(problem: Problem, rows: int, columns: int, free: int, vector: int) -> float:
     """
-    Write the unit vector that the first rows leave, without all free entries but one.
+    Write the unit vector that solves the first rows, with one of the free entries alone.
 
-    Returned is its length where the free entry is 1.
+    The result is the length of the vector where the free entry is 1.
     """
     sheet, order = problem.sheet, problem.places[LEAD]
     first = matrix_row(problem, BEST_DERIVATIVE)
@@ -119,7 +119,7 @@ def write_null_vector(problem: Problem, rows: int, columns: int, free: int, vect
 
 @kernel
 def add_start(problem: Problem, starts: Any, count: int, columns: int) -> int:
-    """Add the start of the vector in `VALUE`, with W not zero; return how many there are."""
+    """Add the start of the vector in `VALUE`, with W not zero; return the number of starts."""
     sheet = problem.sheet
     impacts = len(problem.nodes)
     size = 0.0
@@ -132,7 +132,7 @@ def add_start(problem: Problem, starts: Any, count: int, columns: int) -> int:
         sine, cosine = sheet[VALUE, columns - 2] / constant, sheet[VALUE, columns - 3] / constant
         phase = atan2(sine, cosine) - sheet[RIG, FIRST_LINE + 2]
         for j in range(impacts):
-            # The second half of a symmetric motion mirrors the first
+            # The second half of a symmetric motion mirrors the first.
             x = sheet[VALUE, j] if j < columns - 3 else -sheet[VALUE, 0]
             sheet[PLACE, 4 * j] = x / constant
             sheet[PLACE, 4 * j + 3] += phase
@@ -216,7 +216,7 @@ def look(problem: Problem, share: float) -> tuple[float, float]:
     """
     Return the condition C^2 + S^2 - W^2 of two impacts, and the product of the singular values.
 
-    At a share of the period; the vector is in `VALUE`.
+    Both are taken at a share of the period; the vector is in `VALUE`.
     """
     sheet = problem.sheet
     sheet[PLACE, 3] = 0.0
@@ -259,7 +259,7 @@ def add_between(problem: Problem, starts: Any, count: int, left: float, right: f
 
 @kernel
 def closeness(problem: Problem, share: float, rank: bool, positive: bool) -> float:
-    """Return the product, or |condition|; a negative number where that has another sign."""
+    """Return the product, or |condition|; a negative number where the condition changes sign."""
     condition, product = look(problem, share)
     if rank:
         return product
@@ -273,7 +273,7 @@ def add_closest(
     """
     Add the starts where |condition| is least, or the product: there the vectors are a plane.
 
-    Where the condition changes sign on the way, there are two next to each other.
+    Where the condition changes sign on the way, there are two starts next to each other.
     """
     begin, end = left, right
     positive = look(problem, left)[0] > 0.0
@@ -305,11 +305,11 @@ def add_closest(
 @kernel
 def scan(problem: Problem, starts: Any, first: int, end: int, points: int) -> int:
     """
-    Add the starts of two impacts in a part of the period; return how many there are.
+    Add the starts of two impacts in a part of the period; return the number of starts.
 
     The condition is scanned for changes of sign, and for minima of its modulus, which may hide two
-    roots side by side or a double one. Where the linear equations come close to losing rank, the
-    plane they nearly leave is searched too.
+    roots side by side or a double one. Where the linear equations nearly lose rank, the plane that
+    they nearly leave is searched, too.
     """
     count = 0
     before, here = share_of(first, points), share_of(first + 1, points)
@@ -334,10 +334,11 @@ def scan(problem: Problem, starts: Any, first: int, end: int, points: int) -> in
 @kernel
 def find_starts(problem: Problem, starts: Any, first: int, end: int) -> int:
     """
-    Write starts into rows; return how many there are, or would be with more rows.
+    Write starts into rows; return the number of starts, also if there are fewer rows.
 
-    For one impact and two all of them, for two from a part of a scan, the number of whose points
-    is in the last row; for more those of given instants come closer to roots.
+    For one impact these are all starts; for two they are those in a part of a scan, whose number
+    of points is in the last row. For more impacts the starts at given instants are brought closer
+    to roots.
     """
     set_laws(problem)
     if len(problem.nodes) > 2:

@@ -40,7 +40,7 @@ class ImpactEquations:
     period : float
         Period of the motion, s.
     frequency, phase : float
-        Of the force, rad/s and rad.
+        Frequency and phase of the force, rad/s and rad.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class ImpactEquations:
         return rows.copy()
 
     def states(self, x: Array, instants: Array) -> Array:
-        """Return the states just after the impacts as `PeriodicProblem` has them, (N, 4)."""
+        """Return the states just after the impacts in the form of `PeriodicProblem`, (N, 4)."""
         self._set_instants(instants)
         self.problem.place[:-1:4] = x / self.problem.length
         self.problem.compute(LINEAR_SYSTEM, True, 1.0, 0.0)
@@ -137,7 +137,7 @@ def _with_constant_restitution(equations: ImpactEquations) -> list[ImpactEquatio
 
 
 def _solve(equations: ImpactEquations, starts: Array) -> list[Solution]:
-    """Return the solutions that Newton's method leads to from places."""
+    """Return the solutions to which Newton's method converges from places."""
     solutions = (equations.problem.solve_from(start) for start in starts)
     return [solution for solution in solutions if solution is not None]
 
@@ -145,7 +145,7 @@ def _solve(equations: ImpactEquations, starts: Array) -> list[Solution]:
 _ROOM = 64
 _POINTS_PER_CYCLE = 400
 _MOST_POINTS = 100_000
-#: Places of a scan that are computed at once: not too many for Ctrl-C.
+#: Places of a scan that are computed at once: few enough for Ctrl-C.
 _PART = 20_000
 
 
@@ -161,8 +161,9 @@ def few_impact_roots(equations: ImpactEquations) -> list[Solution]:
     """
     Find all motions with one or two impacts in a period.
 
-    For two the condition of the equations is scanned over the whole period. Every candidate is a
-    start of Newton's method. Where R falls with the speed, the scans are of rigs with constant R.
+    For two impacts the condition of the equations is scanned over the whole period. Every
+    candidate is a start of Newton's method. Where R falls with the speed, the scans are of rigs
+    with constant R.
     """
     rigs = _with_constant_restitution(equations)
     return _solve(equations, np.concatenate([_starts_of(one) for one in rigs]))
@@ -184,7 +185,7 @@ def _starts_of(equations: ImpactEquations) -> Array:
 
 
 _CLOSE = 1e-6
-#: Starts that are computed at once, times the cube of the unknowns: not too long for Ctrl-C.
+#: Starts that are computed at once, times the cube of the unknowns: short enough for Ctrl-C.
 _MOST_AT_ONCE = 2_000_000
 #: Least number of parts for threads.
 _PARTS = 8
@@ -198,7 +199,7 @@ def _instants(equations: ImpactEquations, numbers: range) -> Array:
     the first impact is another of its coordinates.
     """
     n, period = equations.impacts, equations.period
-    # The generalised golden ratio: the most evenly spread of such sequences
+    # The generalised golden ratio gives the most evenly spread of such sequences.
     golden = 2.0
     for _ in range(64):
         golden = (1.0 + golden) ** (1.0 / (n + 1))
@@ -206,7 +207,7 @@ def _instants(equations: ImpactEquations, numbers: range) -> Array:
     points = (0.5 + np.outer(np.array(numbers) + 1, steps)) % 1.0
     offsets = np.zeros((len(numbers), n))
     offsets[:, 1:] = np.sort(points[:, 1:], axis=-1) * period
-    # Two impacts at once have no equations
+    # Two impacts at once have no equations.
     least = 1e-3 * period
     offsets += least * np.arange(n)
     offsets *= period / (period + least * (n + 1))
@@ -215,7 +216,7 @@ def _instants(equations: ImpactEquations, numbers: range) -> Array:
 
 
 def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Solution], int]:
-    """Find motions of one stop sequence from systematic starts; and how many have converged."""
+    """Find motions of one stop sequence from systematic starts; return also how many converged."""
     if not starts:
         return [], 0
     size = len(equations.problem.place) - 1
@@ -227,13 +228,13 @@ def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Sol
 
     def approach(first: int) -> None:
         like = rigs[first // share % len(rigs)]
-        # A thread has a problem of its own
+        # Each thread has its problem.
         own = ImpactEquations(like.parameters, like.stops, like.cycles)
         own.problem.compute(FIND_STARTS, True, 0.0, 0.0, rows[first : first + at_once])
 
     on_threads(approach, range(0, starts, at_once))
     unknowns, residuals = rows[:, :size], rows[:, size]
-    # One of each group of starts that came to the same place is polished
+    # Of the starts that came to the same place one is polished.
     keys: dict[tuple[int, ...], int] = {}
     places = unknowns.reshape(starts, -1, 4)
     phases = places[..., 3] / math.tau

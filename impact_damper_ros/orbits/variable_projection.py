@@ -65,15 +65,15 @@ from .impact_equations import (
 REACHED = 1e-10
 _MOST_STEPS = 40
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-11, 1e5
-#: What the sum of the squares has to fall to in some steps: most starts get stuck.
+#: Factor to which the sum of squares must fall in some steps: most starts get stuck.
 _PATIENCE, _FALL = 4, 0.95
-#: Squared length of a column that depends on others, relative to what it was.
+#: Squared length, relative to the first one, below which a column depends on others.
 _WITHIN = 1e-20
 
 
 @kernel
 def take_along(problem: Problem, first: int, column: int, other: int) -> float:
-    """Take the part along a column of unit length from another one; return its size."""
+    """Subtract from a column its part along another one of unit length; return its size."""
     sheet = problem.sheet
     part = 0.0
     for i in range(first, first + 2 * len(problem.nodes)):
@@ -89,9 +89,9 @@ def project(problem: Problem) -> tuple[float, float]:
     Let displacements solve the equations best at the instants of the place.
 
     The matrix of the equations becomes an orthonormal one, and the column after N + 2 the
-    residuals. Returned are the sum of their squares and the largest. In a flight that returns to
-    the stop it came from, the equation is for the mean velocity instead of the displacement: or
-    else two impacts at once would be a solution.
+    residuals. The function returns the sum of their squares and the largest residual. In a flight
+    that returns to the same stop, the equation is for the mean velocity instead of the
+    displacement: otherwise two simultaneous impacts would be a solution.
     """
     sheet, table = problem.sheet, problem.table
     count = len(problem.nodes)
@@ -213,7 +213,7 @@ def keep(problem: Problem) -> None:
 
 @kernel
 def write_damped_step(problem: Problem, damping: float) -> None:
-    """Write the step of damped least squares from what is kept."""
+    """Write the step of damped least squares from the kept residual and derivative."""
     sheet = problem.sheet
     count = len(problem.nodes)
     kept, space = matrix_row(problem, DERIVATIVE), matrix_row(problem, SPACE)

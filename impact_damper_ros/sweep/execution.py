@@ -62,7 +62,7 @@ _log = logging.getLogger(__name__)
 def _continue(setup: RigSetup, state: State, law: OwnLaw | None) -> Rig:
     """Return a rig that starts from the last state of another one, by a change of parameters."""
     if setup.control.active:
-        # At the time of that state, since the control samples at its own instants
+        # The rig starts at the time of that state: the control has its instants of samples.
         rig = Rig.restore(state, law, compiled=None)
         rig.change(setup.parameters, setup.control)
         return rig
@@ -70,7 +70,7 @@ def _continue(setup: RigSetup, state: State, law: OwnLaw | None) -> Rig:
     rig.change(setup.parameters)
     here = rig.state()
     run = here.run
-    # At time 0; a flight begins at a change of the parameters, or earlier if none is another
+    # The rig starts at time 0; a flight begins at a change of the parameters, if they differ.
     since, run.now = run.time - run.now, 0.0
     run.time = since + run.time_low
     run.time_low -= run.time - since
@@ -78,7 +78,7 @@ def _continue(setup: RigSetup, state: State, law: OwnLaw | None) -> Rig:
 
 
 def _law_of(setup: RigSetup) -> OwnLaw | None:
-    """Return the law of the user's own; raise WorkersError if it is not that of the sweep."""
+    """Return the law of the user's own; raise WorkersError unless it is the law of the sweep."""
     if not setup.law:
         return None
     law = OwnLaw.from_text(setup.law)
@@ -103,8 +103,8 @@ def rig_row(
     """
     Run one rig of a sweep; return its columns, and the rig where it is then.
 
-    It starts from the last state of another rig, if one is given. Only what a rig does becomes a
-    row: other errors are those of the program.
+    The rig starts from the last state of another rig, if one is given. Only failures of a rig
+    become rows: other errors are those of the program.
     """
     try:
         parameters, initial, control, _, _, settling = setup = setup.vary(settings)
@@ -117,26 +117,26 @@ def rig_row(
     except (ParameterError, RunawayError, LawError, OverflowError) as error:
         return failed_row(str(error)), None
     if control.active:
-        # The section holds nothing of the control
+        # The section does not hold the state of the control.
         row['state'] = json.dumps(rig.snapshot(), separators=(',', ':'))
     return row, rig
 
 
 class WorkersError(RuntimeError):
-    """The workers cannot do the work, for the reason in the message."""
+    """The workers cannot do the work; the message has the reason."""
 
 
 class Task(NamedTuple):
     """A rig that a worker runs."""
 
-    version: str  # of the package that planned it
+    version: str  # version of the package that planned the task
     setup: RigSetup
     settings: dict[Varied, float]
     follow: bool  # whether another rig starts from its last state
-    state: State | None  # from which it starts itself
+    state: State | None  # state from which the rig starts
 
 
-#: The columns of a rig, and the state from which the next one starts.
+#: Columns of a rig, and the state from which the next rig starts.
 RunTask = Callable[[Task], tuple[Row, State | None]]
 
 
@@ -158,7 +158,7 @@ _SWITCH_SECONDS = 2e-4
 
 
 def _begin_worker() -> None:
-    """Leave Ctrl-C and what is logged to the parent process, and end with it."""
+    """Leave Ctrl-C and log messages to the parent process, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger(impact_damper_ros.__name__).setLevel(logging.ERROR)
     parent = parent_process()
@@ -173,17 +173,17 @@ def _begin_worker() -> None:
 
 @contextmanager
 def _workers(grid: Grid, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
-    """Yield an executor of this machine, whose work an exception ends, and what runs a task."""
+    """Yield an executor of this machine, which an exception ends, and a function for tasks."""
     setup = grid.setup
     if has_numba() and (not setup.law or OwnLaw.from_text(setup.law).compiles):
-        # Ctrl-C ends what is compiled here, but not in a thread
+        # Ctrl-C ends compiled code in the main thread, but not in others.
         brief = setup._replace(settling=Settling(cycles=1, watch=21, events=1000))
         rig_row(brief, grid.settings(grid.values(0)))
         halted, interval = threading.Event(), sys.getswitchinterval()
         # A thread that comes back from compiled code would wait for the lock longer than it ran
         sys.setswitchinterval(_SWITCH_SECONDS)
         with ThreadPoolExecutor(jobs) as threads:
-            # Which makes the table, and takes as long to load as some rigs
+            # pandas makes the table, and takes as long to load as some rigs.
             threads.submit(import_module, 'pandas')
             try:
                 yield threads, lambda task: run_task(task, halted.is_set)
@@ -193,7 +193,7 @@ def _workers(grid: Grid, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
         return
     why = f'the law {setup.law} is plain Python' if has_numba() else 'there is no numba'
     _log.warning('%s, which takes one processor: the rigs run in %d processes', why, jobs)
-    # A process that starts now must not receive Ctrl-C before it ignores it
+    # A new process must not receive Ctrl-C before it ignores that signal.
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     with ProcessPoolExecutor(jobs, get_context('spawn'), initializer=_begin_worker) as processes:
         try:
@@ -220,7 +220,7 @@ def _run(
     progress: Callable[[int], object],
     run: RunTask | None = None,
 ) -> None:
-    """Run all rigs that are not done; here, if there is no executor."""
+    """Run all rigs that are not done, in this process if there is no executor."""
     run, follow = run or run_task, grid.follow != 'none'
     chains = grid.chains() if follow else (range(k, k + 1) for k in range(grid.size))
     waiting = (left for left in map(part.left_of, chains) if left[0])
@@ -260,7 +260,7 @@ def _run(
     except CancelledError as error:
         raise WorkersError('the work was cancelled: has the scheduler ended?') from error
     except BrokenExecutor as error:
-        # A broken executor ends its calls in a thread of its own, which a cancelled call disturbs
+        # A broken executor ends its calls in another thread, which a cancelled call would disturb.
         under_way.clear()
         raise WorkersError(
             f'a process died ({error}): is there enough memory? Give fewer --jobs'
@@ -271,7 +271,7 @@ def _run(
 
 
 def _existing(grid: Grid, path: Path) -> pd.DataFrame:
-    """Return the table if it is that of this sweep; raise MetadataError if it is another file."""
+    """Return the table of this sweep, if the file exists; raise MetadataError for another file."""
     table = read_table(path)
     differing = other_inputs(table.attrs['inputs'], grid.inputs())
     if differing:
@@ -300,14 +300,14 @@ def sweep(
         that are done are in a file beside it, from which the same call resumes the sweep. A
         complete file is read, and nothing is run.
     executor : concurrent.futures.Executor, optional
-        What runs the rigs: any executor whose workers can import this package, such as that of a
-        Dask client (``client.get_executor()``). It is not shut down.
+        The executor of the rigs: any whose workers can import this package, such as that of a Dask
+        client (``client.get_executor()``). It is not shut down.
     jobs : int, optional
         Number of threads, without `executor`; as many as there are cores, if None. A law that is
         plain Python runs in as many processes.
     overwrite : bool, optional
-        Whether to run all rigs anew and to replace the file, whatever it is, and what is left of
-        another sweep. An interrupted one is resumed.
+        Whether to run all rigs anew, and to replace the file, whatever it is, and the rest of
+        another sweep. An interrupted run of this sweep is resumed.
     progress : callable, optional
         Called with the number of rigs that are done, at the beginning, whenever it rises, and
         every few seconds.
@@ -331,9 +331,8 @@ def sweep(
 
     Notes
     -----
-    The rows do not depend on executor and jobs, nor on interruptions. What a rig does wrong (too
-    many events, a parameter out of range) is a row with its reason; any other error ends the
-    sweep.
+    The rows do not depend on executor and jobs, nor on interruptions. A failure of a rig (too many
+    events, a parameter out of range) is a row with the reason; any other error ends the sweep.
 
     Examples
     --------

@@ -51,7 +51,7 @@ def upgraded_from_1(inputs: Document) -> Document:
     return {**inputs, 'parameters': {**CONSTANT_RESTITUTION, **inputs['parameters']}}
 
 
-#: What leads from inputs of version 1.0 to the present ones; see `parameters.upgrades`.
+#: Steps from the inputs of version 1.0 to the present ones; see `parameters.upgrades`.
 UPGRADES: tuple[Upgrade, ...] = (upgraded_from_1,)
 
 
@@ -60,8 +60,8 @@ def present_inputs(inputs: Document) -> Document:
     return {**upgrade(inputs, inputs.get('format'), UPGRADES), 'format': newest(UPGRADES)}
 
 
-#: How rigs start: from the initial conditions, or along rising or falling values of the first axis
-#: from the last state of the one before.
+#: How rigs start: from the initial conditions, or from the last state of the rig before, along
+#: rising or falling values of the first axis.
 Follow = Literal['none', 'up', 'down', 'both']
 _DIRECTIONS = {'none': ('',), 'up': ('up',), 'down': ('down',), 'both': ('up', 'down')}
 
@@ -74,7 +74,7 @@ class Varied(NamedTuple):
     """A parameter of rig or control, an initial condition, or an entry of an array."""
 
     name: str
-    entry: int | None = None  # of an array, from 0
+    entry: int | None = None  # index of an entry of an array, from 0
 
     def __str__(self) -> str:
         return self.name if self.entry is None else f'{self.name}[{self.entry}]'
@@ -85,7 +85,7 @@ class Varied(NamedTuple):
         return _SPECS[self.name]
 
     def si_unit(self, rig: RigParameters) -> str:
-        """Return its SI unit; the rig says what the amplitudes of its base are."""
+        """Return the SI unit; that of amplitudes of the base depends on the rig."""
         return QUANTITIES[rig.base_quantity] if self.name == 'base_amplitudes' else self.spec.unit
 
 
@@ -125,19 +125,19 @@ def _parameter_of(text: str, rig: RigParameters) -> Varied:
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a grid: the parameters that take its values, usually one, and these, rising."""
+    """One axis of a grid: the parameters that take its values (mostly one), and rising values."""
 
     varied: tuple[Varied, ...]
     values: tuple[float, ...]  # SI
-    unit: str = ''  # in which they were given; empty for SI
+    unit: str = ''  # unit in which they were given; empty for SI
 
     @property
     def factor(self) -> float:
-        """Factor from its unit to SI."""
+        """Factor from the unit of the axis to SI."""
         return UNITS[self.varied[0].spec.unit][self.unit] if self.unit else 1.0
 
     def shown_unit(self, rig: RigParameters) -> str:
-        """Return the unit in which values are shown; the rig says what those of a base are."""
+        """Return the unit of shown values, which for amplitudes of the base depends on the rig."""
         return self.unit or self.varied[0].si_unit(rig)
 
     def value_text(self, value: float, rig: RigParameters, digits: int = 5) -> str:
@@ -158,7 +158,7 @@ class Axis:
 
     @property
     def real(self) -> bool:
-        """Whether the rig can have any value in between."""
+        """Whether the rig can have any value between those of the axis."""
         kinds = {one.spec.kind for one in self.varied}
         return not self.initial and kinds <= {'double', 'double_array'}
 
@@ -175,7 +175,7 @@ class Axis:
 
 
 def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Axis:
-    """Return an axis, after all checks of its names and values; the unit is that of numbers."""
+    """Return an axis, with names and values checked; `unit` is that of plain numbers."""
     varied = tuple(_parameter_of(name, rig) for name in names.split('='))
     if len(set(varied)) < len(varied):
         raise GridError(f'{names}: the same name is given twice')
@@ -183,7 +183,7 @@ def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Ax
         raise GridError(f'{names}: parameters and initial conditions cannot share values')
     values: list[Any] = np.atleast_1d(np.array(given)).tolist()
     if any(isinstance(value, str) for value in values):
-        # A list of texts and numbers is an array of texts
+        # numpy makes a list of texts and numbers an array of texts.
         unit = _common_unit(varied[0].spec, map(str, values))
         values = [_number(str(value), names, varied[0].spec) for value in values]
     if not values:
@@ -209,20 +209,20 @@ def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Ax
 
 
 def _common_unit(spec: ParameterSpec, texts: Iterable[str]) -> str:
-    """Return the unit that values have, if all have the same one; else none."""
+    """Return the common unit of values; empty if they differ."""
     units = {split_number(text)[1] for text in texts}
     (unit,) = units if len(units) == 1 else ('',)
     return unit if unit in UNITS.get(spec.unit, ()) and unit != spec.unit else ''
 
 
 class RigSetup(NamedTuple):
-    """A rig, its start, its gap control, and how it is watched."""
+    """A rig, its start, its gap control, and its settling."""
 
     parameters: RigParameters
     initial: InitialConditions
     control: GapControlParameters
     law: str  # MODULE:FUNCTION of a law of the user's own; empty for none
-    law_digest: str  # of its source
+    law_digest: str  # digest of the source of the law
     settling: Settling
 
     def vary(self, settings: Mapping[Varied, float]) -> Self:
@@ -265,16 +265,16 @@ class Grid:
     control : GapControlParameters, optional
         The gap control; off by default.
     law : str, optional
-        MODULE:FUNCTION of a law of the user's own, in place of the one that `control` names.
+        MODULE:FUNCTION of a law of the user's own, in place of the law that `control` names.
     law_digest : str, optional
-        Digest of its source (`OwnLaw.digest`); by default of that which is found now.
+        Digest of its source (`OwnLaw.digest`); by default that of the law found now.
     follow : {'none', 'up', 'down', 'both'}, optional
-        Whether each rig starts from the last state of the one before, along the first axis.
+        Whether each rig starts from the last state of the rig before, along the first axis.
     settling : Settling, optional
-        How long each rig may take to settle, and how closely it is watched.
+        Limits and tolerances of settling.
     units : mapping of str to str, optional
         Units in which figures and texts show axes, by their names; values that are texts with a
-        unit have their own.
+        unit keep that unit.
     **axes : array_like
         The values of each parameter, initial condition or parameter of the control, in SI units
         or with one, as ``['5 mm', '10 mm']``; the first axis is the one that is followed. An
@@ -311,7 +311,7 @@ class Grid:
     ) -> None:
         control = control or GapControlParameters()
         if not control.active:
-            # Its other parameters have no effect
+            # The other parameters of the control have no effect.
             control = GapControlParameters()
         units = units or {}
         built = tuple(
@@ -403,7 +403,7 @@ class Grid:
         return {one: value for axis, value in pairs for one in axis.varied}
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the columns of the table that say which rig a row is."""
+        """Return the columns of the table that identify the rig of a row."""
         turns, places = len(self.directions), math.prod(self.shape)
         found: dict[str, list[Any]] = {
             'point': list(range(self.size)),

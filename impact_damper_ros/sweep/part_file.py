@@ -2,8 +2,8 @@
 """
 The rigs of a sweep that are done, in lines appended to a file beside its table.
 
-The first line holds the inputs of the sweep. Each further one holds some rigs, a list of number
-and columns each, and the state from which the next rig of their chain starts, if it follows them.
+The first line holds the inputs of the sweep. Each further line holds some rigs, as lists of number
+and columns, and the state from which the next rig of their chain starts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .grid import present_inputs
 from .steady_state import Row
 from .table import MetadataError
 
-#: What a run depends on from here on, as its `snapshot` gives it.
+#: The entries of a `snapshot` on which the future of a run depends.
 State = dict[str, Any]
 _MOST_LINES = 12
 #: Time from one flush to the disk to the next, s.
@@ -59,11 +59,11 @@ class PartFile:
     Parameters
     ----------
     path : Path or None
-        The file, made if there is none; without, the rigs are in memory alone.
+        The file, made if absent; with None the rigs are in memory only.
     inputs : dict
         The inputs of the sweep.
     anew : bool
-        Whether to discard what is not the rigs of this sweep.
+        Whether to discard a file of another sweep.
 
     Attributes
     ----------
@@ -73,9 +73,9 @@ class PartFile:
     Raises
     ------
     MetadataError
-        If the file is of a sweep with other inputs, no such file, or in use.
+        If the file has another sweep, is no such file, or is in use.
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
 
     def __init__(self, path: Path | None, inputs: dict[str, Any], *, anew: bool = False) -> None:
@@ -108,7 +108,7 @@ class PartFile:
             ) from None
 
     def _open(self, inputs: dict[str, Any], *, anew: bool) -> None:
-        """Take what the file holds, but for a line that was cut off; begin it if it is new."""
+        """Read the file, without a line that was cut off; begin a new one."""
         assert self._file is not None
         assert self._path is not None
         head, content = _line(inputs), self._path.read_bytes()
@@ -164,7 +164,7 @@ class PartFile:
                 self._sync_from = time.monotonic() + _SYNC_SECONDS
 
     def delete(self) -> None:
-        """Delete the file, since its table is written."""
+        """Delete the file, after its table was written."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
@@ -188,12 +188,12 @@ def _line(content: Any) -> bytes:
 
 
 def _as_bytes(array: NDArray[Any]) -> dict[str, str]:
-    """Return an array for JSON; its numbers as texts would take a tenth of the time of a rig."""
+    """Return an array as entries for JSON: numbers as text would cost a tenth of a rig's time."""
     return {array.dtype.str: array.tobytes().hex()}
 
 
 def _from_bytes(entries: dict[str, Any]) -> Any:
-    """Return the array that `_as_bytes` has made these entries of; others as they are."""
+    """Return the array of entries by `_as_bytes`, and other entries unchanged."""
     kind, content = next(iter(entries.items()), ('', ''))
     if kind[:1] not in ('<', '>', '|'):
         return entries

@@ -51,16 +51,16 @@ class Settling:
     Raises
     ------
     ValueError
-        If one is out of its range.
+        If a value is out of its range.
     """
 
     cycles: int = 2000  # most cycles of the force to settle in
-    watch: int = 500  # cycles that are judged and measured of a motion that does not repeat
-    #: How closely the states a period apart must agree, relative to the size of the motion.
+    watch: int = 500  # cycles that are judged and measured if a motion does not repeat
+    #: Largest distance of states a period apart, relative to the size of the motion.
     tolerance: float = 1e-8
-    events: int = 2_000_000  # most events of one rig; more is a failure
-    #: Most points of the section, and half as many as the impacts, that are kept of a motion
-    #: that does not repeat.
+    events: int = 2_000_000  # most events of one rig; more events are a failure
+    #: Most points of the section, and half of the most impacts, that are kept of a motion that
+    #: does not repeat.
     section: int = 100
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ def _sequence(events: Events) -> str:
             while words and words[-1] == str(stop):
                 words.pop()
             words.append(f'{stop}~')
-    # The period may end during a chatter
+    # The period may end during a chatter.
     while len(words) > 1 and words[-1] + '~' in words and words[-1] == words[0][0]:
         words.pop()
     return ','.join(min((words[i:] + words[:i] for i in range(len(words))), default=[]))
@@ -125,7 +125,7 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     alone = Transmissibility.without_damper(parameters)
     shaken = integrals.transmissibility.by_name() | alone.by_name('_without_damper')
     end = found.end + cycles * cycle
-    # The events before and after complete a chatter that is cut at either end
+    # The events before and after the period complete a chatter that is cut at either end.
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
     around = one_table(found.events, result.events, after.events)
     impacts = result.impacts()
@@ -134,7 +134,7 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     if not period:
         hits = hits[-2 * settling.section :]
     approach = hits['damper_velocity_before'] - hits['primary_velocity_before']
-    # With other harmonics A is not the amplitude without impacts
+    # With other harmonics A is not the amplitude without impacts.
     ratio = parameters.x_max_ratio(largest) if parameters.periodic_force else math.nan
     spent = result.time_in_mode / (end - found.end)
     section = relative_states(result.samples[-kept:]).T.copy()
@@ -170,7 +170,7 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
 
 
 def check_cycle(parameters: RigParameters, settling: Settling) -> None:
-    """Raise `ParameterError` if the cycle of the force is too long to be simulated so often."""
+    """Raise `ParameterError` if the cycles of the force are too long for a run."""
     cycle, most = cycle_of(parameters), settling.cycles + 2 * settling.watch
     if cycle * parameters.omega > math.tau / _SLOWEST:
         raise ParameterError(
@@ -191,12 +191,12 @@ def steady_state(rig: Rig, settling: Settling, halted: Callable[[], bool] = lamb
     """
     Run a rig until its motion repeats or the time is up, and return its row of the table.
 
-    The rig is at the beginning of a cycle of its force. How it is recognised that the motion
-    repeats: `settle`. Raises `RunawayError` if the rig has more events than `settling`
-    allows. Once it is halted, the row means nothing.
+    The rig is at the beginning of a cycle of its force. `settle` recognises that the motion
+    repeats. Raises `RunawayError` if the rig has more events than `settling` allows. Once it is
+    halted, the row is meaningless.
     """
     check_cycle(rig.parameters, settling)
-    # What is left of a start without force dies out, but never comes back
+    # Without force the rest of a start decays, but states never come back.
     after = events = 0
     if any(rig.parameters.harmonics[0]):
         cycle = cycle_of(rig.parameters)
@@ -227,7 +227,7 @@ def rig_of_row(row: Any, parameters: RigParameters) -> Rig:
     """Return a rig in the last state of a row of the table."""
     x, velocity, offset, relative = (float(getattr(row, name)[-1]) for name in SECTION)
     half = 0.5 * parameters.gap
-    # Round-off may neither put m beyond a stop nor part it from one it is on
+    # Round-off may neither put m beyond a stop nor part m from a stop.
     if abs(abs(offset) - half) <= _SAME_STATE * (half + abs(x)):
         offset = math.copysign(half, offset)
     offset = min(max(offset, -half), half)
@@ -240,7 +240,7 @@ def rig_of_row(row: Any, parameters: RigParameters) -> Rig:
     rig = Rig(parameters, start)
     if not len(row.impact_stop):
         return rig
-    # The air depends on the stop hit last, which initial conditions do not hold
+    # The air force depends on the stop hit last, which initial conditions do not hold.
     resting = rig.mode if rig.mode >= Mode.STICK else 0
     machine, last = machine_of(parameters), int(row.impact_stop[-1])
     flight = flight_at(machine, 0.0, x, velocity, offset - half, relative, resting, last)

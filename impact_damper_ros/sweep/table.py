@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 #: File name extensions of tables.
 FORMATS = ('.parquet', '.csv')
-#: Sections that differ by less, relative to their size, are the same motion.
+#: Sections that differ by less, relative to their size, belong to one motion.
 _SAME = 1e-3
 
 #: Types of columns; doubles and integers are lists.
 Kind = Literal['double', 'integer', 'bool', 'text', 'doubles', 'integers']
-#: Those of pandas; lists are arrays of numpy.
+#: Types of pandas; lists are arrays of numpy.
 _DTYPES = {'double': 'float64', 'integer': 'Int64', 'bool': 'boolean', 'text': 'string'}
 
 
@@ -180,13 +180,13 @@ def _relative_section(row: Any) -> Array:
     size = row.x_max + float(np.ptp(section[2])) or 1.0
     section /= size * np.array([[1.0], [math.tau / row.cycle]] * 2)
     if row.impacts == 0:
-        # Without impacts m may be anywhere in the gap
+        # Without impacts m may be anywhere in the gap.
         section[2] = 0.0
     return section
 
 
 def _is_same(one: Array, other: Array) -> bool:
-    """Return whether two sections are the same, from whichever cycle they begin."""
+    """Return whether two sections are equal, whichever cycles they begin with."""
     return any(
         float(np.abs(np.roll(one, shift, axis=1) - other).max()) < _SAME
         for shift in range(one.shape[1])
@@ -197,8 +197,8 @@ def attractor_numbers(table: pd.DataFrame) -> list[int | None]:
     """
     Return the number of each row's motion among those of one rig.
 
-    Two motions are the same if kind, period and stops are, and their sections agree; all motions
-    of one kind that do not repeat are the same. The most frequent one is 0.
+    Two motions are one if kind, period and stops are equal, and their sections agree; all motions
+    of one kind that do not repeat count as one. The most frequent motion is 0.
     """
     known: list[tuple[tuple[Any, ...], Array]] = []
     found: list[int | None] = []
@@ -247,7 +247,7 @@ def _reader(read: Callable[[str], Any]) -> Callable[[str | None], Any]:
     return lambda text: None if text is None else read(text)
 
 
-#: How the values of a CSV file are read.
+#: Readers of the values of a CSV file.
 _READ: dict[str, Callable[[str | None], Any]] = {
     'double': _reader(float),
     'integer': _reader(int),
@@ -267,7 +267,7 @@ def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
     series = {name: _series(kind, found[name]) for name, kind, *_ in columns}
     table = pd.DataFrame(series)
     if len(grid.directions) == 1 and not any(axis.initial for axis in grid.axes):
-        # A rig has one row
+        # A rig has one row.
         table['attractor'] = table.ok.astype('Int64').where(table.ok) * 0
         return _describe(table, grid)
     names = [str(one) for axis in grid.axes if not axis.initial for one in axis.varied]
@@ -304,7 +304,7 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
 
 
 class MetadataError(ValueError):
-    """A file that is not the table of this sweep, or of none."""
+    """A file that is not the table of this sweep, or no table of a sweep."""
 
 
 def read_table(path: str | Path) -> pd.DataFrame:
@@ -326,7 +326,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
     MetadataError
         If the file is not the table of a sweep, or not complete.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     ImportError
         Without pandas, or without pyarrow for Parquet (extra ``sweep``).
     """
@@ -348,7 +348,7 @@ def read_table(path: str | Path) -> pd.DataFrame:
 
 
 def _read_csv(path: Path) -> pd.DataFrame:
-    """Read a table back from what `write_table` has made of it."""
+    """Read a table that `write_table` has written."""
     import pandas as pd
 
     with path.open(encoding='utf-8') as stream:
@@ -363,7 +363,7 @@ def _read_csv(path: Path) -> pd.DataFrame:
     known = texts.astype(object).where(texts.notna(), None)
     series = {name: _series(kind, known[name].map(_READ[kind])) for name, kind in kinds.items()}
     table = _describe(pd.DataFrame(series), grid)
-    # No stops are an empty text, which CSV does not distinguish from none
+    # A motion without stops has an empty text, which CSV does not distinguish from a missing one.
     table.loc[table.impacts.eq(0).fillna(False), 'stops'] = ''
     return table
 
