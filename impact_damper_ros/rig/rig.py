@@ -99,6 +99,7 @@ class Rig(RigChanges):
 
     Examples
     --------
+    >>> from impact_damper_ros.parameters.rig_parameters import RigParameters
     >>> rig = Rig(RigParameters(gravity=0.0))
     >>> first = rig.advance(45.0)[0]
     >>> first.stop, round(first.time, 9)
