@@ -6,8 +6,9 @@ A program starts with the plain functions, without waiting for a compiler. `comp
 returns them compiled; both do the same floating-point operations in the same order. Module
 `records` has the forms of their constants, states and rows.
 
-Compiled code is kept for other processes in a directory named by a digest of everything that it
-depends on; a comment is no part of that. Kept code is loaded without numba.
+Compiled code is kept for other processes in a file named by a digest of the kernel and of those
+that it calls; a comment is no part of that, nor is what else a program has loaded. Kept code is
+loaded without numba.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import subprocess
 import sys
 import threading
 import types
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -98,23 +99,40 @@ def has_numba() -> bool:
     return False
 
 
-def _digest() -> str:
-    """Return a digest of what kernels do, comments and places apart, of compiler and processor."""
-    import llvmlite.binding as llvm
+def _below(name: str) -> dict[str, types.FunctionType]:
+    """Return a kernel and all those that it calls."""
+    found: dict[str, types.FunctionType] = {}
+    names = [name]
+    while names:
+        one = names.pop()
+        if one in _KERNELS and one not in found:
+            found[one] = _KERNELS[one]
+            names += [called for code in _codes(found[one].__code__) for called in code.co_names]
+    return found
 
-    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
-    parts += [llvm.get_host_cpu_name(), sorted(llvm.get_host_cpu_features().items())]
-    for name, value in sorted(_namespace().items()):
+
+def _digest(kernel_name: str) -> str:
+    """Return a digest of what a kernel and those that it calls do, comments and places apart."""
+    kernels, parts = _below(kernel_name), list[Any]()
+    for name, value in sorted(_namespace(kernels.values()).items()):
         if not callable(value):
             parts.append((name, value))
         elif isinstance(value, type):
             parts.append((name, getattr(value, '_fields', ())))
-    for name, function in sorted(_KERNELS.items()):
+    for name, function in sorted(kernels.items()):
         code = function.__code__
         constants = [value for value in code.co_consts if value != function.__doc__]
         parts += [name, name in _INLINE, function.__defaults__, constants]
         parts += [code.co_code, code.co_names, code.co_varnames]
-    # The digest covers how code is linked and kept, too.
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
+
+
+def _compiler_digest() -> str:
+    """Return a digest of compiler and processor, and of how code is linked and kept."""
+    import llvmlite.binding as llvm
+
+    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
+    parts += [llvm.get_host_cpu_name(), sorted(llvm.get_host_cpu_features().items())]
     for maker in (_part_compiler, _entry_compiler, _compiled_only_row, _compile, _kind):
         for code in _codes(unwrap(maker).__code__):
             texts = [value for value in code.co_consts if not isinstance(value, types.CodeType)]
@@ -136,7 +154,7 @@ def directory() -> Path | None:
     places = [os.environ.get('NUMBA_CACHE_DIR'), os.environ.get('XDG_CACHE_HOME'), '~/.cache']
     for base in filter(None, places):
         try:
-            path = Path(base).expanduser() / 'impact_damper_ros' / f'kernels-{_digest()}'
+            path = Path(base).expanduser() / 'impact_damper_ros' / f'kernels-{_compiler_digest()}'
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
             if os.access(path, os.W_OK):
                 return path
@@ -145,10 +163,10 @@ def directory() -> Path | None:
     return None
 
 
-def _namespace() -> dict[str, Any]:
-    """Return the globals that the kernels refer to, in one namespace."""
+def _namespace(kernels: Iterable[types.FunctionType]) -> dict[str, Any]:
+    """Return the globals that kernels refer to, in one namespace."""
     namespace: dict[str, Any] = {}
-    for function in _KERNELS.values():
+    for function in kernels:
         for name in (name for code in _codes(function.__code__) for name in code.co_names):
             value = function.__globals__.get(name, namespace)
             if value is namespace:
@@ -243,7 +261,7 @@ def compiled_namespace() -> dict[str, Any]:
     """Return all kernels, each compiled at its first call, and what they refer to."""
     import numba
 
-    namespace = _namespace()
+    namespace = _namespace(_KERNELS.values())
     namespace['only_row'] = _compiled_only_row()
     for name, function in _KERNELS.items():
         # No fast-math: the operations and their order stay those of the plain kernel.
@@ -446,7 +464,7 @@ def _load_or_compile(name: str, arguments: Sequence[Any], what: str) -> Any:
     log, place, entry = logging.getLogger(__package__), directory(), None
     if place is not None:
         kinds = hashlib.sha256(_kind(tuple(arguments)).encode()).hexdigest()[:16]
-        path = place / f'{name}-{kinds}'
+        path = place / f'{name}-{_digest(name)}-{kinds}'
         entry = _load_kept(name, path, log)
     if entry is None:
         if what not in _REPORTED:

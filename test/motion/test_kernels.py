@@ -61,7 +61,7 @@ def test_kernels_are_kept_where_they_may_be(tmp_path, monkeypatch):
     place = find()
     assert place.parent == tmp_path / 'cache' / 'impact_damper_ros'
     assert find() == place
-    monkeypatch.setattr(kernels, '_digest', lambda: 'other sources')
+    monkeypatch.setattr(kernels, '_compiler_digest', lambda: 'another compiler')
     assert find() != place
 
 
@@ -69,8 +69,9 @@ def test_digest_depends_on_what_kernels_do(monkeypatch):
     def digest_with(text, **names):
         space = {'copysign': math.copysign, 'LIMIT': 3.0, **names}
         exec(text, space)
-        monkeypatch.setattr(kernels, '_KERNELS', {'turned': space['turned']})
-        return kernels._digest()
+        known = {name: space[name] for name in ('turned', 'below', 'beside') if name in space}
+        monkeypatch.setattr(kernels, '_KERNELS', known)
+        return kernels._digest('turned')
 
     pytest.importorskip('numba')
     text = 'def turned(x):\n    """Turn."""\n    return copysign(x, LIMIT) + 1.0\n'
@@ -82,6 +83,10 @@ def test_digest_depends_on_what_kernels_do(monkeypatch):
         digest_with(text, LIMIT=4.0),
     ]
     assert len({one, *others}) == 4
+    # What it calls counts, what stands beside it does not, whether it is loaded by then or not
+    assert digest_with(text + 'def beside(x):\n    return x\n') == one
+    calls = text.replace('+ 1.0', '+ below(x)') + 'def below(x):\n    return x\n'
+    assert digest_with(calls) != digest_with(calls.replace('return x\n', 'return -x\n'))
 
 
 def test_kept_kernels_share_no_names():
@@ -89,7 +94,10 @@ def test_kept_kernels_share_no_names():
     pytest.importorskip('numba')
     Rig(HORIZONTAL, compiled=True).run(9.0)
     find_orbits(HORIZONTAL, (1, 2), simulate=False)
-    kept = [MachineCode.read(file).code for file in kernels.directory().iterdir()]
+    # The newest of each form: those of other sources stay
+    files = sorted(kernels.directory().iterdir(), key=lambda file: file.stat().st_mtime)
+    newest = {tuple(file.name.split('-')[::2]): file for file in files}
+    kept = [MachineCode.read(file).code for file in newest.values()]
     names = [set(re.findall(rb'_ZN17impact_damper_ros[\w.$]+', code)) for code in kept]
     assert len(kept) > 1
     assert all(names)
