@@ -51,6 +51,8 @@ LESS = (
     ('--impacts 1:4 --cycles 1:3', '--impacts 1:2 --cycles 1:2'),
 )
 LESS_OF_PYTHON = (('(10, 60, 200)', '(24, 40, 3)'),)
+#: Files of the sources or of the package, but those that a reader makes
+NAMED = re.compile(r'`([a-z]+/[a-z0-9_/]+\.(?!html)[a-z]+)`')
 RANGE = re.compile(r'(=-?[0-9.]+(?:Hz)?:-?[0-9.]+(?:Hz)?):\d+')
 
 
@@ -141,6 +143,9 @@ def test_links_lead_somewhere(page):
         assert found.exists(), f'{page.name}: {target}'
         if anchor:
             assert anchor in anchors(found), f'{page.name}: {target}'
+    for name in NAMED.findall(text):
+        places = (ROOT / name, ROOT / 'impact_damper_ros' / name, page.parent / name)
+        assert any(place.is_file() for place in places), f'{page.name}: {name}'
 
 
 def test_every_line_is_known():

@@ -496,15 +496,6 @@ def test_an_impact_damper_beside_a_mass_damper(mu, better):
     assert bool(best_design(rig).orbit.x_max < height) is better
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
-def test_files_that_a_page_names_are_there(page):
-    text = page.read_text(encoding='utf-8')
-    named = re.findall(r'`((?:test|rig|control|orbits|config)/[\w/]+\.\w+)`', text)
-    for name in named:
-        folder = ROOT if name.startswith(('test/', 'config/')) else ROOT / 'impact_damper_ros'
-        assert (folder / name).is_file(), name
-
-
 def test_figures_are_those_of_the_pages(tmp_path):
     pytest.importorskip('matplotlib')
     script = ROOT / 'docs' / 'theory' / 'figures.py'
