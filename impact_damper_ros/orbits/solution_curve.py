@@ -613,8 +613,6 @@ class Piece(NamedTuple):
 
     def at_value(self, value: float) -> BranchPoint | None:
         """Return the point at a value of the parameter between those of both ends."""
-        from scipy.optimize import brentq
-
         begin, end = self.start.place[-1], self.end.place[-1]
         there = value / self.curve.scale
         share = (there - begin) / (end - begin)
@@ -635,6 +633,8 @@ class Piece(NamedTuple):
                 self.end.place - self.start.place
             ):
                 return point
+            from scipy.optimize import brentq
+
             try:
                 share = brentq(miss, 0.0, 1.0, xtol=LOCATED)
             except ArithmeticError:

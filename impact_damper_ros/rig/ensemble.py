@@ -320,15 +320,9 @@ def run_ensemble(
         one = control_of(settings, parameters, own)
         begin_sampling(one, 0.0)
         controls = _controls(one, p, count)
-    result = EnsembleResult(
-        np.full(count, COMMANDS_FULL),
-        np.zeros(count),
-        np.full((count, len(when)), np.nan, SAMPLE_TYPE),
-        np.zeros(count, np.int64),
-        np.zeros((count, len(Mode))),
-        np.zeros((count, 2)),
-    )
-    while len(pending := np.flatnonzero(result.outcomes == COMMANDS_FULL)):
+    result: EnsembleResult | None = None
+    pending = np.arange(count)
+    while result is None or len(pending):
         arrays = constants[pending], lines[pending], runs[pending], waves[pending]
         acting = None if controls is None else _some(controls, pending)
         latest = _run_all(arrays, acting, end, when, threads)
@@ -336,8 +330,12 @@ def run_ensemble(
             assert own is not None
             k = int(np.argmax(latest.outcomes == LAW_FAILED))
             raise LawError(f'rig {pending[k]} of the ensemble: {_law_error(own, acting, k)}')
-        for whole, part in zip(result, latest, strict=True):
-            whole[pending] = part
+        if result is None:
+            result = latest
+        else:
+            for whole, part in zip(result, latest, strict=True):
+                whole[pending] = part
+        pending = np.flatnonzero(result.outcomes == COMMANDS_FULL)
         if controls is not None:
             more = np.repeat(controls.commands, _MORE, axis=1)
             controls = controls._replace(commands=more)
