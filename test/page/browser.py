@@ -3,18 +3,16 @@
 import contextlib
 import json
 import time
+from pathlib import Path
 from urllib.parse import urlsplit
 
 from playwright.sync_api import Error, expect, sync_playwright
 from running import DEADLINE_S
 
 OPTIONS = ('--disable-gpu',)
-#: A screen of four pictures per second. A page draws once for each, and to draw takes most of the
+#: A screen of two pictures per second. A page draws once for each, and to draw takes most of the
 #: processor's time, whatever it shows.
-SLOW_SCREEN = """{
-    const next = requestAnimationFrame.bind(globalThis);
-    globalThis.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 230);
-}"""
+SLOW_SCREEN = Path(__file__).with_name('slow_screen.js').read_text(encoding='utf-8')
 expect.set_options(timeout=1000.0 * DEADLINE_S)
 
 
@@ -129,8 +127,8 @@ class Page:
         return f'page: {state}; console: {self.console}'
 
     def click(self, selector):
-        """Click on the middle of an element, as a mouse does, whatever moves there."""
-        self(selector).click(force=True)
+        """Click on the middle of an element, as a mouse does, once it stands still and is met."""
+        self(selector).click()
 
     def type(self, selector, text, *, enter=True):
         """Replace what is in a field by a text, with the keyboard."""

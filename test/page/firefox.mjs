@@ -6,7 +6,7 @@ import { setTimeout as sleep } from 'node:timers/promises';
 import puppeteer from 'puppeteer-core';
 
 const [executablePath, ...addresses] = process.argv.slice(2);
-const canvases = readFileSync(new URL('canvases.js', import.meta.url), 'utf8');
+const beside = (name) => readFileSync(new URL(name, import.meta.url), 'utf8');
 const browser = await puppeteer.launch({ browser: 'firefox', executablePath, protocolTimeout: 400_000 });
 const page = await browser.newPage();
 let complaints = [];
@@ -22,6 +22,7 @@ const until = async (expression) => {
 const paused = (yes) => until(`document.querySelector('#status').dataset.state ${yes ? '===' : '!=='} 'paused'`);
 
 await page.setViewport({ width: 1280, height: 800 });
+await page.evaluateOnNewDocument(beside('slow_screen.js'));
 const shown = [];
 for (const address of addresses) {
   complaints = [];
@@ -36,7 +37,7 @@ for (const address of addresses) {
   await page.keyboard.press('Enter');
   await until('impactDamper.store.values.gap === 0.026');
   await until('impactDamper.history.changes.length > 0');
-  shown.push({ canvases: await page.evaluate(canvases), complaints });
+  shown.push({ canvases: await page.evaluate(beside('canvases.js')), complaints });
 }
 console.log(JSON.stringify({ version: await browser.version(), shown }));
 await browser.close();

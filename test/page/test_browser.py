@@ -81,7 +81,9 @@ def live(tmp_path_factory):
     try:
         # Whatever other rigs the tests start, this one is shown first.
         server = PageProcess(directory, '--node', '/sim_node')
-        node = SimProcess(directory, parameters_file=BENCH, bag_directory=str(server.recordings))
+        # Half of the usual rate takes half of the processor's time of node and server.
+        setting = {'state_rate': 100.0, 'bag_directory': str(server.recordings)}
+        node = SimProcess(directory, parameters_file=BENCH, **setting)
         yield server
     finally:
         if node is not None:
@@ -160,12 +162,6 @@ def scrub(page, time):
 
 def bags(live):
     return set(live.recordings.glob('*'))
-
-
-def open_recordings(page):
-    """Click until they are open: a line of the header that changes may move the button away."""
-    is_open = "document.querySelector('#recordings').open"
-    until(lambda: page.run(is_open) or page.click('#recordings-open'))
 
 
 # Knobs
@@ -303,7 +299,7 @@ def test_keys_and_hands_move_the_rig(opened, parameters):
     step = page.expect('#step')
     # A rig that moves has no steps.
     step.to_have_attribute('aria-disabled', 'true')
-    page.click('#step')
+    page('#step').click(force=True)
     page.click('#pause')
     page.expect('#status').to_have_text('paused')
     step.to_have_attribute('aria-disabled', 'false')
@@ -321,7 +317,7 @@ def test_keys_and_hands_move_the_rig(opened, parameters):
         press()
         page.wait(f'impactDamper.history.end > {end}')
         step.to_have_attribute('aria-disabled', 'false')
-        assert page.run('impactDamper.history.end') == pytest.approx(end + 0.005, abs=1e-6)
+        assert page.run('impactDamper.history.end') == pytest.approx(end + 0.01, abs=1e-6)
     newest = "(all => all.field('time')[all.end - 1])(impactDamper.history.impacts)"
     for press in (lambda: page.click('#step-to-impact'), lambda: page.key('ArrowRight')):
         page.wait('!impactDamper.actions.stepping')
@@ -331,7 +327,7 @@ def test_keys_and_hands_move_the_rig(opened, parameters):
             f"{newest} > {last} && document.querySelector('#status').textContent === 'paused'"
         )
         hit, end = page.run(f'[{newest}, impactDamper.history.end]')
-        assert 0.0 <= end - hit <= 0.005 + 1e-6
+        assert 0.0 <= end - hit <= 0.01 + 1e-6
     # What was there before the steps is there still.
     assert page.run('impactDamper.history.own.samples.length') >= length
     # The stops, m and M are dragged.
@@ -865,7 +861,7 @@ def test_my_structure_and_a_server_that_comes_back(opened, live, parameters):
     bag = live.recordings / 'run'
     assert simulate_rig([str(BENCH), '--duration', '6', '--bag', str(bag), '--quiet']) == 0
     page = opened()
-    open_recordings(page)
+    page.click('#recordings-open')
     compare = '.recording[data-name=run] [data-compare]'
     page.click(compare)
     page.expect(compare).to_contain_text('Cancel (')
@@ -986,7 +982,7 @@ def test_a_recording_goes_on_where_the_connection_was_lost(opened, live, paramet
     assert parameters.set(bag_directory=bad) == ''
     page.expect('#parameter-bag_directory').to_have_value(bad)
     page.expect('img').to_have_count(0)
-    open_recordings(page)
+    page.click('#recordings-open')
     page.click(f'.recording[data-name={json.dumps(bad)}] .primary')
     page.wait(PLAYS)
     page.expect('#rig-choice').to_have_text(bad)

@@ -1,0 +1,4 @@
+{
+  const next = requestAnimationFrame.bind(globalThis);
+  globalThis.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 480);
+}
