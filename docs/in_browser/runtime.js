@@ -329,7 +329,7 @@ function $items(rows, { start, stop, step }) {
 }
 function $item(rows, index) {
   if (rows instanceof Matrix) return rows.at(index);
-  if (Array.isArray(rows) && Array.isArray(index)) return rows[index[0]][index[1]];
+  if (Array.isArray(rows) && Array.isArray(index)) return rows.at(index[0]).at(index[1]);
   if (index instanceof slice) return typeof rows === 'string' ? $items([...rows], index).join('') : $items([...rows], index);
   if ($plain(rows)) {
     if (!Object.hasOwn(rows, index)) throw new KeyError(String(index));

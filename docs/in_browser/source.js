@@ -197,7 +197,7 @@ class RigInPage extends Source {
     if (course !== this.course) return;
     this.send_theory(document);
     const { orbit, theory_failed: failed } = document;
-    const verdict = orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : orbit?.text || failed?.text || '';
+    const verdict = orbit?.found ? `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}` : failed ? 'No theory' : orbit ? 'No periodic motion' : '';
     this.send({ type: 'diagnostics', level: 'none', kind: '', message: '', verdict, agreement: '', controller: null });
   }
 

@@ -290,6 +290,8 @@ RIGS = {
         'base_amplitudes': (1.0,),
         'base_frequencies': (1.03,),
     },
+    # 29 impacts in a cycle; a branch of it ends at a flight before the first impact.
+    'steep': load_presets()['bench'].rig.as_dict() | {'angle': 0.9},
 }
 
 

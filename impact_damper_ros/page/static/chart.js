@@ -29,32 +29,6 @@ export const stopColour = (stop) => (stop === 1 ? colours.lower : colours.upper)
 /** Dashes of a line for a motion: solid if stable, dashed if not, dotted if it is not viable. */
 export const dashes = ({ stable, viable }) => (viable === false ? [1, 3] : stable ? [] : [5, 4]);
 
-/** Draw lines through points [x, y]. */
-export function strokeLines(context, ...lines) {
-  context.beginPath();
-  for (const [[x, y], ...rest] of lines) {
-    context.moveTo(x, y);
-    for (const [a, b] of rest) context.lineTo(a, b);
-  }
-  context.stroke();
-}
-
-/** Begin a circle; what it is filled or drawn with is up to the caller. */
-export function circle(context, x, y, radius) {
-  context.beginPath();
-  context.arc(x, y, radius, 0, 7);
-}
-
-/** Run a drawing within a box only. */
-export function within(context, { left, top, width, height }, draw) {
-  context.save();
-  context.beginPath();
-  context.rect(left, top, width, height);
-  context.clip();
-  draw(context);
-  context.restore();
-}
-
 /** The unit of a quantity without one, or of one that is read as it is. */
 export const plain = (unit = '') => ({ factor: 1, unit });
 
@@ -63,8 +37,7 @@ export class Canvas {
   constructor(canvas) {
     this.canvas = canvas;
     this.context = canvas.getContext('2d');
-    this.width = 0;
-    this.height = 0;
+    this.width = this.height = this.ratio = 0;
     this.stale = true;
     new ResizeObserver(() => this.measure()).observe(canvas);
     this.measure();
@@ -79,14 +52,8 @@ export class Canvas {
     const box = this.canvas.getBoundingClientRect();
     const ratio = Math.min(3, devicePixelRatio || 1);
     const [width, height] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
-    if (width !== this.canvas.width || height !== this.canvas.height) {
-      this.canvas.width = width;
-      this.canvas.height = height;
-    }
-    this.ratio = ratio;
-    this.width = box.width;
-    this.height = box.height;
-    this.stale = true;
+    if (width !== this.canvas.width || height !== this.canvas.height) Object.assign(this.canvas, { width, height });
+    Object.assign(this, { ratio, width: box.width, height: box.height, stale: true });
   }
 
   /** Begin a picture; false if the canvas is not shown. */
@@ -96,11 +63,47 @@ export class Canvas {
     const { context, ratio } = this;
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, this.width, this.height);
-    context.lineJoin = 'round';
-    context.lineCap = 'butt';
-    context.setLineDash([]);
-    context.globalAlpha = 1;
+    Object.assign(context, { lineJoin: 'round', lineCap: 'butt', globalAlpha: 1 });
     return true;
+  }
+
+  /** Draw lines through points [x, y]. */
+  lines(colour, width, lines, dash = []) {
+    const { context } = this;
+    Object.assign(context, { strokeStyle: colour, lineWidth: width });
+    context.setLineDash(dash);
+    context.beginPath();
+    for (const [[x, y], ...rest] of lines) {
+      context.moveTo(x, y);
+      for (const [a, b] of rest) context.lineTo(a, b);
+    }
+    context.stroke();
+    context.setLineDash([]);
+  }
+
+  /** Draw a disc in a colour, or only its rim. */
+  disc(x, y, radius, colour, rim = '', width = 1.5) {
+    const { context } = this;
+    context.beginPath();
+    context.arc(x, y, radius, 0, 7);
+    if (colour) Object.assign(context, { fillStyle: colour }).fill();
+    if (rim) Object.assign(context, { strokeStyle: rim, lineWidth: width }).stroke();
+  }
+
+  /** Write words. */
+  text(words, x, y, { size = 0.78, colour = colours.quiet, align = 'left', level = 'alphabetic', style = '' } = {}) {
+    Object.assign(this.context, { font: font(size, style), fillStyle: colour, textAlign: align, textBaseline: level }).fillText(words, x, y);
+  }
+
+  /** Draw within a box only. */
+  within({ left, top, width, height }, draw) {
+    const { context } = this;
+    context.save();
+    context.beginPath();
+    context.rect(left, top, width, height);
+    context.clip();
+    draw(context);
+    context.restore();
   }
 }
 
@@ -223,31 +226,19 @@ export class Axes extends ReadOut {
     const toX = (value) => box.left + ((value - xLow) / (xHigh - xLow)) * box.width;
     const toY = (value) => box.top + box.height - ((value - yLow) / (yHigh - yLow)) * box.height;
     const columns = ticks(xLow, xHigh, Math.min(xTicks, Math.max(2, box.width / (4.5 * em))));
-    context.lineWidth = 1;
-    context.strokeStyle = colours.grid;
-    context.fillStyle = colours.quiet;
     const [ground, right] = [box.top + box.height, box.left + box.width];
     const sharp = (place) => Math.round(place) + 0.5;
-    strokeLines(
-      context,
+    this.lines(colours.grid, 1, [
       ...columns.values.map((value) => [[sharp(toX(value)), box.top], [sharp(toX(value)), ground]]),
       ...rows.values.map((value) => [[box.left, sharp(toY(value))], [right, sharp(toY(value))]]),
-    );
+    ]);
     context.strokeStyle = colours.line;
-    context.strokeRect(Math.round(box.left) + 0.5, Math.round(box.top) + 0.5, Math.round(box.width), Math.round(box.height));
-    context.textBaseline = 'top';
-    context.textAlign = 'center';
-    for (const value of columns.values) {
-      context.fillText(minus(value.toFixed(columns.decimals)), toX(value), box.top + box.height + 4);
-    }
-    context.textAlign = 'right';
-    context.textBaseline = 'middle';
-    rows.values.forEach((value, n) => context.fillText(labels[n], box.left - 5, toY(value)));
-    context.textBaseline = 'alphabetic';
+    context.strokeRect(sharp(box.left), sharp(box.top), Math.round(box.width), Math.round(box.height));
+    for (const value of columns.values) this.text(minus(value.toFixed(columns.decimals)), toX(value), ground + 4, { align: 'center', level: 'top' });
+    rows.values.forEach((value, n) => this.text(labels[n], box.left - 5, toY(value), { align: 'right', level: 'middle' }));
     const named = (name, { unit }) => (unit ? `${name} (${unit})` : name);
-    context.fillText(named(xName, xUnit), box.left + box.width, this.height - 0.28 * em);
-    context.textAlign = 'left';
-    context.fillText(named(yName, yUnit), Math.max(2, box.left - margin.left + 4), em + 1);
+    this.text(named(xName, xUnit), right, this.height - 0.28 * em, { align: 'right' });
+    this.text(named(yName, yUnit), Math.max(2, box.left - margin.left + 4), em + 1);
     this.plan = {
       box, along, across,
       toX: (value) => toX(value * xUnit.factor),
@@ -279,14 +270,14 @@ export class Axes extends ReadOut {
     });
   }
 
+  /** An impact: a square of stop 1, a disc of stop 2. */
+  impact(stop, x, y, size, colour = stopColour(stop)) {
+    if (stop === 1) Object.assign(this.context, { fillStyle: colour }).fillRect(x - size, y - size, 2 * size, 2 * size);
+    else this.disc(x, y, 1.2 * size, colour);
+  }
+
   /** A point that moves, with a rim. */
   dot(x, y, colour, radius) {
-    const { context } = this;
-    context.fillStyle = colour;
-    context.strokeStyle = colours.page;
-    context.lineWidth = 1.5;
-    circle(context, x, y, radius);
-    context.fill();
-    context.stroke();
+    this.disc(x, y, radius, colour, colours.page);
   }
 }

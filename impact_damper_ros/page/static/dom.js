@@ -40,6 +40,17 @@ export function mark(target, name, value) {
   if (target.getAttribute(name) !== value) target.setAttribute(name, value);
 }
 
+/** Let a checkbox hold a choice of the view, which the address keeps unless it is the usual one; return what applies it. */
+export function viewSwitch(store, name, apply, usual = false) {
+  const box = byId(name);
+  box.checked = store.address.view[name] === (usual ? '0' : '1') ? !usual : usual;
+  box.addEventListener('change', () => {
+    store.keepView(name, box.checked === usual ? '' : String(Number(box.checked)));
+    apply(box.checked);
+  });
+  return () => apply(box.checked);
+}
+
 /** Mark a box that can be scrolled as long as there is more below its edge; return what looks anew. */
 export function overflowing(box) {
   const look = () => box.classList.toggle('more-below', box.scrollTop + box.clientHeight < box.scrollHeight - 2);

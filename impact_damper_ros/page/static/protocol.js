@@ -42,13 +42,21 @@ export function readFrame(buffer, layout) {
   return frame;
 }
 
-/** Events: `message` and `frame` with what has come in, `lost`, `missing` and `again`. */
-export class Connection extends EventTarget {
+/** What reports events by name. */
+export class Reporter extends EventTarget {
   /** Call a function with the detail of events. */
-  on(kind, take) {
-    this.addEventListener(kind, (event) => take(/** @type {CustomEvent} */ (event).detail));
+  on(kinds, take) {
+    for (const kind of kinds.split(' ')) this.addEventListener(kind, (event) => take(/** @type {CustomEvent} */ (event).detail));
   }
 
+  /** @param {string} kind */
+  emit(kind, detail = null) {
+    this.dispatchEvent(new CustomEvent(kind, { detail }));
+  }
+}
+
+/** Events: `message` and `frame` with what has come in, `lost`, `missing` and `again`. */
+export class Connection extends Reporter {
   constructor() {
     super();
     this.socket = null;
@@ -101,11 +109,6 @@ export class Connection extends EventTarget {
       this.wait = Math.min(LONGEST_WAIT, 1.6 * this.wait);
     };
     this.socket = socket;
-  }
-
-  /** @param {string} kind */
-  emit(kind, detail = null) {
-    this.dispatchEvent(new CustomEvent(kind, { detail }));
   }
 
   receive(data) {

@@ -5,7 +5,7 @@
 // mass: its area is as the mass ratio. It is as long as `slug` on either side of its position, and
 // both stops are that much farther apart, so that contact is seen exactly where it is.
 
-import { Canvas, circle, colours, font, SteadyRange, stopColour, strokeLines } from './chart.js';
+import { Canvas, colours, font, SteadyRange, stopColour } from './chart.js';
 import { digits, lengthUnit, minus, niceAbove, ticks } from './format.js';
 import { reducedMotion } from './dom.js';
 
@@ -145,47 +145,40 @@ export class RigDrawing extends Canvas {
     const em = colours.size;
     const base = 0.66 * g.tall;
     this.base = base;
-    context.strokeStyle = colours.steel;
-    context.lineWidth = 1.5;
     const wall = this.wallAt(g, state);
-    strokeLines(context, [[g.left, base], [g.right, base]], [[wall, base], [wall, -g.tall / 2]]);
-    context.lineWidth = 1;
-    context.strokeStyle = colours.stop;
+    this.lines(colours.steel, 1.5, [[[g.left, base], [g.right, base]], [[wall, base], [wall, -g.tall / 2]]]);
     const step = Math.max(6, 0.55 * em);
     const hatches = Array.from({ length: Math.floor((base + 0.1 + g.tall / 2) / step) }, (_, n) => n * step - g.tall / 2);
-    strokeLines(context, ...hatches.map((v) => [[wall, v], [wall - g.wall, v + step]]));
+    this.lines(colours.stop, 1, hatches.map((v) => [[wall, v], [wall - g.wall, v + step]]));
     const { factor, unit } = lengthUnit(g.swing + g.spread);
     const reach = Math.min(g.right, g.body + g.reach) / g.scale;
     const { values, decimals, step: apart } = ticks(-reach * factor, reach * factor, 8);
-    context.strokeStyle = colours.steel;
     const marks = values.flatMap((value) => [0, 1, 2, 3, 4].map((n) => [((value + (n * apart) / 5) / factor) * g.scale, n ? 3 : 6]));
-    strokeLines(context, ...marks.filter(([place]) => place <= g.right).map(([place, high]) => [[place, base], [place, base + high]]));
+    this.lines(colours.steel, 1, marks.filter(([place]) => place <= g.right).map(([place, high]) => [[place, base], [place, base + high]]));
     context.font = font(0.75);
-    context.fillStyle = colours.quiet;
     for (const value of values) {
       const name = value === values.at(-1) ? `${minus(value.toFixed(decimals))} ${unit}` : minus(value.toFixed(decimals));
       // As far from the line as its letters need
       const [high, wide] = [Math.abs(Math.cos(g.angle)), Math.abs(Math.sin(g.angle))];
       const half = Math.max(0.55 * em * high, 0.5 * wide * context.measureText(name).width);
-      this.upright(g, name, (value / factor) * g.scale, base + 6 + 0.17 * em + half);
+      this.upright(g, name, (value / factor) * g.scale, base + 6 + 0.17 * em + half, { size: 0.75 });
     }
   }
 
-  arrowhead(...corners) {
-    this.context.beginPath();
-    for (const corner of corners) this.context.lineTo(...corner);
-    this.context.fill();
+  arrowhead(colour, ...corners) {
+    const { context } = this;
+    context.beginPath();
+    for (const corner of corners) context.lineTo(...corner);
+    Object.assign(context, { fillStyle: colour }).fill();
   }
 
   /** Write a text that stays level whatever the inclination. */
-  upright(g, text, u, v) {
+  upright(g, text, u, v, look) {
     const { context } = this;
     context.save();
     context.translate(u, v);
     context.rotate(-g.angle);
-    context.textAlign = 'center';
-    context.textBaseline = 'middle';
-    context.fillText(text, 0, 0);
+    this.text(text, 0, 0, { align: 'center', level: 'middle', ...look });
     context.restore();
   }
 
@@ -196,31 +189,26 @@ export class RigDrawing extends Canvas {
 
   /** Spring and dashpot between the wall and M. */
   attachments(g, state) {
-    const { context } = this;
     const from = this.wallAt(g, state);
     const to = state.x * g.scale - g.body;
     const span = Math.max(6, to - from);
     const [upper, lower] = [-0.22 * g.tall, 0.24 * g.tall];
     const radius = 0.12 * g.tall;
     const lead = Math.min(10, 0.15 * span);
-    context.strokeStyle = colours.ink;
-    context.lineWidth = 1.6;
     const pitch = (span - 2 * lead) / COILS;
     const coils = Array.from({ length: 2 * COILS }, (_, n) => [from + lead + (0.5 * n + 0.25) * pitch, upper + (n % 2 ? radius : -radius)]);
-    strokeLines(context, [[from, upper], [from + lead, upper], ...coils, [to - lead, upper], [to, upper]]);
+    this.lines(colours.ink, 1.6, [[[from, upper], [from + lead, upper], ...coils, [to - lead, upper], [to, upper]]]);
     // Dashpot: the cylinder is fixed to the wall, the piston to M.
     const cylinder = Math.max(10, 0.5 * (g.reach + 0.3 * (g.body - g.cavity) + 30));
     const start = from + lead;
     const bore = Math.min(cylinder, 0.72 * span);
     const piston = start + Math.max(4, Math.min(bore - 3, 0.5 * bore + 0.35 * ((state.x - (state.base || 0)) * g.scale)));
-    context.lineWidth = 1.4;
-    strokeLines(
-      context,
+    this.lines(colours.ink, 1.4, [
       [[from, lower], [start, lower]],
       [[start + bore, lower - radius], [start, lower - radius], [start, lower + radius], [start + bore, lower + radius]],
       [[piston, lower - radius + 3], [piston, lower + radius - 3]],
       [[piston, lower], [to, lower]],
-    );
+    ]);
   }
 
   /** M with its stops, m, wheels; or the outline of another rig. */
@@ -235,10 +223,8 @@ export class RigDrawing extends Canvas {
     const slugTall = Math.min(0.8 * inner, 3.4 * g.slug);
     context.save();
     if (ghostly) {
-      context.globalAlpha = 0.75;
+      Object.assign(context, { globalAlpha: 0.75, lineWidth: 1.5, strokeStyle: colours.special });
       context.setLineDash([5, 4]);
-      context.lineWidth = 1.5;
-      context.strokeStyle = colours.special;
       context.beginPath();
       context.roundRect(x - g.body, top, 2 * g.body, g.tall, round);
       context.roundRect(z - g.slug, floor - slugTall, 2 * g.slug, slugTall, 3);
@@ -248,17 +234,11 @@ export class RigDrawing extends Canvas {
     }
     // wheels
     const wheel = (this.base - g.tall / 2) / 2;
-    context.fillStyle = colours.panel;
-    context.strokeStyle = colours.steel;
-    context.lineWidth = 1.5;
+    const [hub, turned] = [this.base - wheel, x / Math.max(1, wheel)];
     for (const side of [-0.62, 0.62]) {
       const axle = x + side * g.body;
-      circle(context, axle, this.base - wheel, wheel - 0.5);
-      context.fill();
-      context.stroke();
-      const turned = x / Math.max(1, wheel);
-      const hub = this.base - wheel;
-      strokeLines(context, [[axle, hub], [axle + 0.75 * wheel * Math.cos(turned), hub + 0.75 * wheel * Math.sin(turned)]]);
+      this.disc(axle, hub, wheel - 0.5, colours.panel, colours.steel);
+      this.lines(colours.steel, 1.5, [[[axle, hub], [axle + 0.75 * wheel * Math.cos(turned), hub + 0.75 * wheel * Math.sin(turned)]]]);
     }
     // the frame of M, with the space for m cut out
     context.beginPath();
@@ -297,9 +277,7 @@ export class RigDrawing extends Canvas {
           glow.addColorStop(0, colours.damper);
           glow.addColorStop(0.35, colours.open);
           glow.addColorStop(1, `${colours.open}00`);
-          context.fillStyle = glow;
-          circle(context, face, centre, radius);
-          context.fill();
+          this.disc(face, centre, radius, glow);
         }
         context.restore();
       }
@@ -312,30 +290,23 @@ export class RigDrawing extends Canvas {
     context.fill();
     // Its name is on it, or above it where there is no room.
     const roomy = g.slug > 0.55 * em;
-    context.fillStyle = roomy ? '#ffffff' : colours.damper;
-    context.font = font(roomy ? Math.min(1.1, (1.35 * g.slug) / em) : 0.9, 'italic 600');
-    this.upright(g, 'm', z, roomy ? floor - slugTall / 2 : floor - slugTall - 0.6 * em);
+    const look = { colour: roomy ? '#ffffff' : colours.damper, size: roomy ? Math.min(1.1, (1.35 * g.slug) / em) : 0.9, style: 'italic 600' };
+    this.upright(g, 'm', z, roomy ? floor - slugTall / 2 : floor - slugTall - 0.6 * em, look);
     // names: M above its frame, the stops above their pads
-    context.font = font(1, 'italic 600');
-    context.fillStyle = colours.primary;
-    this.upright(g, 'M', x - g.body + 0.7 * em, top - 0.75 * em);
-    context.font = font(0.72);
-    context.fillStyle = colours.quiet;
+    this.upright(g, 'M', x - g.body + 0.7 * em, top - 0.75 * em, { colour: colours.primary, size: 1, style: 'italic 600' });
     if (tallPad < inner - 1.2 * em) {
       for (const [stop, face, side] of faces) {
         if (!Number.isFinite(face) || (stop === 2 && oneSided)) continue;
-        this.upright(g, String(stop), face + (side * pad) / 2, floor - tallPad - 0.62 * em);
+        this.upright(g, String(stop), face + (side * pad) / 2, floor - tallPad - 0.62 * em, { size: 0.72 });
       }
     }
     // where M is, on the ruler
-    context.fillStyle = colours.primary;
-    this.arrowhead([x, this.base + 1], [x - 5, this.base + 10], [x + 5, this.base + 10]);
+    this.arrowhead(colours.primary, [x, this.base + 1], [x - 5, this.base + 10], [x + 5, this.base + 10]);
     context.restore();
   }
 
   /** The force on M as an arrow, whose length is a share of its amplitude. */
   force(g, state, value) {
-    const { context } = this;
     const em = colours.size;
     const at = state.x * g.scale;
     const height = -g.tall / 2 - 0.75 * em;
@@ -343,15 +314,10 @@ export class RigDrawing extends Canvas {
     const head = Math.min(8, Math.abs(length));
     const tip = at + length;
     const side = Math.sign(length);
-    context.strokeStyle = colours.force;
-    context.fillStyle = colours.force;
-    context.lineWidth = 2.5;
-    strokeLines(context, [[at, height], [tip - side * head, height]]);
-    this.arrowhead([tip, height], [tip - side * head, height - 0.6 * head], [tip - side * head, height + 0.6 * head]);
-    circle(context, at, height, 2.5);
-    context.fill();
-    context.font = font(0.85, 'italic 600');
-    this.upright(g, 'F', at - (side || 1) * 0.75 * em, height);
+    this.lines(colours.force, 2.5, [[[at, height], [tip - side * head, height]]]);
+    this.arrowhead(colours.force, [tip, height], [tip - side * head, height - 0.6 * head], [tip - side * head, height + 0.6 * head]);
+    this.disc(at, height, 2.5, colours.force);
+    this.upright(g, 'F', at - (side || 1) * 0.75 * em, height, { colour: colours.force, size: 0.85, style: 'italic 600' });
   }
 
   /** The angle against the horizontal, in degrees. */
@@ -364,19 +330,13 @@ export class RigDrawing extends Canvas {
     // Where a steep rig has no ruler
     const free = g.angle > 0.8 ? this.width - 6.6 * em : 0;
     const [left, low] = [free + 1.2 * em, this.height - 1.1 * em - (side > 0 ? radius * Math.sin(Math.min(1.2, Math.abs(g.angle))) : 0)];
-    context.strokeStyle = colours.quiet;
-    context.fillStyle = colours.quiet;
-    context.lineWidth = 1;
-    strokeLines(context, [[left + radius + 6, low], [left, low], [left + (radius + 6) * Math.cos(g.angle), low + (radius + 6) * Math.sin(g.angle)]]);
+    this.lines(colours.quiet, 1, [[[left + radius + 6, low], [left, low], [left + (radius + 6) * Math.cos(g.angle), low + (radius + 6) * Math.sin(g.angle)]]]);
     context.beginPath();
     context.arc(left, low, radius, 0, g.angle, side < 0);
     context.stroke();
-    context.font = font(0.85);
-    context.textAlign = 'left';
-    context.textBaseline = 'middle';
     // Beside the arc, or above it where there is no room
     const narrow = this.width < 26 * em || free > 0;
     const [beside, height] = narrow ? [left, low - side * 0.9 * em] : [left + radius + 10, low + (side * radius * Math.sin(Math.abs(g.angle))) / 2];
-    context.fillText(`θ = ${digits(degrees, 3)}°`, beside, height);
+    this.text(`θ = ${digits(degrees, 3)}°`, beside, height, { size: 0.85, level: 'middle' });
   }
 }

@@ -6,6 +6,7 @@
 
 import { writeAddress } from './address.js';
 import { History } from './history.js';
+import { Reporter } from './protocol.js';
 import { Theory } from './theory.js';
 import { changeInWords, Units } from './words.js';
 
@@ -13,7 +14,7 @@ import { changeInWords, Units } from './words.js';
 const REPRODUCIBLE = new Set(['rig', 'forcing', 'control']);
 const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
-export class Store extends EventTarget {
+export class Store extends Reporter {
   /** `opened` is what the address held, `own` whether this page wrote it: then there is nothing to reproduce. */
   constructor(opened, own) {
     super();
@@ -48,15 +49,6 @@ export class Store extends EventTarget {
     this.showTheory = true;
     /** Measurement: frames that have come in. */
     this.frames = 0;
-  }
-
-  /** Call a function with the detail of events. */
-  on(kinds, take) {
-    for (const kind of kinds.split(' ')) this.addEventListener(kind, (event) => take(/** @type {CustomEvent} */ (event).detail));
-  }
-
-  emit(kind, detail = null) {
-    this.dispatchEvent(new CustomEvent(kind, { detail }));
   }
 
   /** Whether the rig is part of this page: it begins anew with the page, and nothing else can reach it. */

@@ -129,7 +129,7 @@ export function verdictInWords({ level, kind, message, verdict, agreement }, the
   const words = AGREEMENT[agreement] ?? (verdict && !kind ? verdict : KINDS[kind] ?? 'No verdict');
   const shade = { agrees: 'ok', disagrees: 'warn' }[agreement] ?? 'none';
   const stability = orbit && `${orbit.label}, ${orbit.stable ? 'stable' : 'unstable'}${orbit.viable === false ? ', not viable' : ''}`;
-  const predicted = orbit ? [stability, orbit.text].filter(Boolean).join('; ') : verdict;
+  const predicted = orbit ? [stability, orbit.text].filter(Boolean).join('; ') : theory.failed || verdict;
   return {
     words: irregular ? capital(theory.kind) : words,
     shade: level === 'error' ? 'error' : shade,

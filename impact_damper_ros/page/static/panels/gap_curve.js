@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
-import { Axes, circle, colours, dashes, font, plain, plotPanel, strokeLines, within } from '../chart.js';
+import { Axes, colours, dashes, plain, plotPanel } from '../chart.js';
 import { mark, write } from '../dom.js';
 import { digits, lengthUnit, niceAbove, withUnit } from '../format.js';
 import { entry } from '../glossary.js';
@@ -94,10 +94,7 @@ class GapCurve extends Axes {
 
   /** Where the rig is: its gap, and how far M moves. */
   place(gap, measured) {
-    if (gap === this.gap && measured === this.measured) return;
-    this.gap = gap;
-    this.measured = measured;
-    this.stale = true;
+    if (gap !== this.gap || measured !== this.measured) Object.assign(this, { gap, measured, stale: true });
   }
 
   /** The best gap of the user's structure; NaN without one. */
@@ -132,26 +129,23 @@ class GapCurve extends Axes {
     const top = niceAbove(1.1 * most || 1);
     if (!(this.top >= top && this.top <= 2.5 * top)) this.top = top;
     const { toX, toY, box } = this.axes({ x: [this.low, this.high], along: ['gap d', { factor, unit }], y: [0, this.top], across: ['Xmax / A', plain()] });
-    within(this.context, box, (context) => {
+    this.within(box, (context) => {
       const upright = (gap, stroke, alpha, dash = []) => {
-        Object.assign(context, { strokeStyle: stroke, globalAlpha: alpha, lineWidth: 1 });
-        context.setLineDash(dash);
-        strokeLines(context, [[toX(gap), box.top], [toX(gap), box.top + box.height]]);
-        context.setLineDash([]);
+        context.globalAlpha = alpha;
+        this.lines(stroke, 1, [[[toX(gap), box.top], [toX(gap), box.top + box.height]]], dash);
         context.globalAlpha = 1;
       };
       /** Beside a line, on its left or right, at the top of the frame or at its bottom. */
-      const write = (text, place, fillStyle, left, textBaseline = 'top') => {
-        Object.assign(context, { fillStyle, textBaseline, font: font(0.75), textAlign: left ? 'right' : 'left' });
-        context.fillText(text, place + (left ? -4 : 4), textBaseline === 'top' ? box.top + 3 : box.top + box.height - 3);
+      const write = (text, place, colour, left, level = 'top') => {
+        this.text(text, place + (left ? -4 : 4), level === 'top' ? box.top + 3 : box.top + box.height - 3, { size: 0.75, colour, align: left ? 'right' : 'left', level });
       };
       if (curve?.optimum) upright(curve.optimum.gap, colours.good, 0.5, [2, 3]);
       if (this.design > 0) {
         upright(this.design, colours.good, 1, [6, 3]);
         write('my structure: best', toX(this.design), colours.good, toX(this.design) > box.left + box.width / 2);
       }
-      for (const branch of branches) this.branch(context, branch, toX, toY);
-      this.specials(context, curve?.special ?? [], toX, toY);
+      for (const branch of branches) this.branch(branch, toX, toY);
+      this.specials(curve?.special ?? [], toX, toY);
       // The predicted motion, of the value under the finger
       if (curve?.x_max_ratio > 0) this.dot(toX(curve.gap), toY(curve.x_max_ratio), colours.theory, 4);
       if (this.aim !== null && this.store.steers) {
@@ -164,50 +158,34 @@ class GapCurve extends Axes {
         write(right ? `${text} →` : `← ${text}`, box.left + (right ? box.width : 0), colours.primary, right);
       } else if (this.gap > 0) {
         upright(this.gap, colours.primary, 0.55);
-        if (Number.isFinite(this.measured)) {
-          this.dot(toX(this.gap), Math.max(toY(this.measured), box.top + 2), colours.primary, 6);
-        }
+        if (Number.isFinite(this.measured)) this.dot(toX(this.gap), Math.max(toY(this.measured), box.top + 2), colours.primary, 6);
       }
     });
-    if (!branches.length) {
-      this.say(curve?.text || this.theory.failed || 'computing…', box);
-    }
+    if (!branches.length) this.say(curve?.text || this.theory.failed || 'computing…', box);
     const label = this.gap > 0 ? `${digits(this.gap * factor, 4)} ${unit}` : 'unknown';
-    const { canvas } = this;
-    canvas.setAttribute('aria-valuemin', String(this.low));
-    canvas.setAttribute('aria-valuemax', String(this.high));
-    canvas.setAttribute('aria-valuenow', String(this.gap || 0));
-    canvas.setAttribute('aria-valuetext', `gap ${label}, Xmax over A ${digits(this.measured, 3)}`);
+    Object.assign(this.canvas, { ariaValueMin: this.low, ariaValueMax: this.high, ariaValueNow: this.gap || 0, ariaValueText: `gap ${label}, Xmax over A ${digits(this.measured, 3)}` });
   }
 
   /** Special points as rings; the pointer names them. */
-  specials(context, specials, toX, toY) {
+  specials(specials, toX, toY) {
     this.places = specials.map((special) => /** @type {[number, number, any]} */ ([toX(special.gap), toY(special.x_max_ratio), special])).sort(([one], [other]) => one - other);
     this.point();
-    Object.assign(context, { strokeStyle: colours.special, fillStyle: colours.page, lineWidth: 1.6 });
-    for (const [a, b] of this.places) {
-      circle(context, a, b, 3.6);
-      context.fill();
-      context.stroke();
-    }
+    for (const [a, b] of this.places) this.disc(a, b, 3.6, colours.page, colours.special, 1.6);
   }
 
   /** Stable parts solid, unstable ones dashed, those that are not viable dotted. */
-  branch(context, { gap, x_max_ratio: ratio, stable, viable }, toX, toY) {
+  branch({ gap, x_max_ratio: ratio, stable, viable }, toX, toY) {
     const kind = (n) => (viable[n] ? (stable[n] ? 'stable' : 'unstable') : 'not viable');
     // Between two points of different kinds it is the lesser one.
     const piece = (n) => [kind(n), kind(n + 1)].sort((a, b) => KINDS.indexOf(a) - KINDS.indexOf(b))[0];
     let n = 0;
     while (n < gap.length - 1) {
       const shown = piece(n);
-      context.strokeStyle = shown === 'stable' ? colours.theory : colours.quiet;
-      context.lineWidth = shown === 'stable' ? 2 : 1.2;
-      context.setLineDash(dashes({ stable: shown === 'stable', viable: shown !== 'not viable' }));
-      const from = n;
+      const [from, solid] = [n, shown === 'stable'];
       while (n < gap.length - 1 && piece(n) === shown) n += 1;
-      strokeLines(context, gap.slice(from, n + 1).map((one, k) => [toX(one), toY(ratio[from + k])]));
+      const points = gap.slice(from, n + 1).map((one, k) => [toX(one), toY(ratio[from + k])]);
+      this.lines(solid ? colours.theory : colours.quiet, solid ? 2 : 1.2, [points], dashes({ stable: solid, viable: shown !== 'not viable' }));
     }
-    context.setLineDash([]);
   }
 }
 

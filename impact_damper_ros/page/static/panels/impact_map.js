@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Impact map: velocity of m after each impact over the phase of the force.
 
-import { Axes, circle, colours, plain, plotPanel, SteadyRange, stopColour, within } from '../chart.js';
+import { Axes, colours, plain, plotPanel, SteadyRange, stopColour } from '../chart.js';
 import { mark, write } from '../dom.js';
 import { niceAbove, velocityUnit } from '../format.js';
 
@@ -45,30 +45,19 @@ class ImpactMap extends Axes {
       x: [0, 1], along: ['phase of the force', plain('cycles')], y: [-height, height], across: ['Z′ after', velocityUnit(height)], xTicks: 5,
     });
     this.marks = [];
-    within(this.context, box, (context) => {
+    this.within(box, (context) => {
       const dot = impacts.end - first > 400 ? 1.3 : 1.9;
       for (let n = first; n < impacts.end; n += 1) {
         if (!Number.isFinite(phase[n])) continue;
         const age = (impacts.end - n) / MOST_DOTS;
         const old = time[n] < since;
         context.globalAlpha = old ? 0.14 : Math.max(0.25, 0.95 - age);
-        context.fillStyle = old ? colours.quiet : stopColour(stop[n]);
         const [a, b] = [toX(phase[n]), toY(damper[n])];
         this.marks.unshift([a, b, `stop ${stop[n]}`]);
-        if (stop[n] === 1) context.fillRect(a - dot, b - dot, 2 * dot, 2 * dot);
-        else {
-          circle(context, a, b, 1.2 * dot);
-          context.fill();
-        }
+        this.impact(stop[n], a, b, dot, old ? colours.quiet : stopColour(stop[n]));
       }
       context.globalAlpha = 1;
-      context.strokeStyle = colours.theory;
-      context.lineWidth = 1.5;
-      for (const one of predicted) {
-        const place = ((one.phase % 1) + 1) % 1;
-        circle(context, toX(place), toY(one.damper_velocity_after), 6.5);
-        context.stroke();
-      }
+      for (const one of predicted) this.disc(toX(((one.phase % 1) + 1) % 1), toY(one.damper_velocity_after), 6.5, '', colours.theory);
       // the last impact
       if (impacts.length) {
         const n = impacts.end - 1;

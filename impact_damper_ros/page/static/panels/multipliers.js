@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Multipliers in the complex plane: within the unit circle, a deviation dies out.
 
-import { circle, colours, ReadOut, strokeLines } from '../chart.js';
+import { colours, ReadOut } from '../chart.js';
 import { byId, mark } from '../dom.js';
 import { digits } from '../format.js';
 
@@ -21,36 +21,22 @@ class Multipliers extends ReadOut {
 
   draw() {
     if (!this.stale || !this.begin()) return;
-    const { multipliers } = this.theory.orbit ?? {};
-    const { context } = this;
+    const { multipliers = [] } = this.theory.orbit ?? {};
     const [cx, cy] = [this.width / 2, this.height / 2];
-    const sizes = (multipliers ?? []).map(([re, im]) => Math.hypot(re, im));
+    const sizes = multipliers.map(([re, im]) => Math.hypot(re, im));
     const most = Math.max(1.15, ...sizes.filter(Number.isFinite).map((size) => Math.min(size * 1.1, 3)));
     const unit = (Math.min(cx, cy) - 3) / most;
-    context.lineWidth = 1;
-    context.strokeStyle = colours.grid;
-    strokeLines(context, [[3, cy], [this.width - 3, cy]], [[cx, 3], [cx, this.height - 3]]);
-    context.strokeStyle = colours.steel;
-    context.lineWidth = 1.3;
-    circle(context, cx, cy, unit);
-    context.stroke();
-    this.places = [];
-    (multipliers ?? []).forEach(([re, im], n) => {
+    this.lines(colours.grid, 1, [[[3, cy], [this.width - 3, cy]], [[cx, 3], [cx, this.height - 3]]]);
+    this.disc(cx, cy, unit, '', colours.steel, 1.3);
+    this.places = multipliers.map(([re, im], n) => {
       const cut = Math.min(1, (0.98 * most) / sizes[n]);
-      context.fillStyle = sizes[n] < 1 ? colours.good : colours.bad;
-      circle(context, cx + re * cut * unit, cy - im * cut * unit, 3.6);
-      context.fill();
-      this.places.push([cx + re * cut * unit, cy - im * cut * unit, sizes[n], (Math.atan2(im, re) * 180) / Math.PI]);
+      return [cx + re * cut * unit, cy - im * cut * unit, sizes[n], (Math.atan2(im, re) * 180) / Math.PI];
     });
-    const largest = sizes.length ? Math.max(...sizes) : NaN;
-    const words = sizes.length
-      ? `Stability multipliers on the unit circle; the largest modulus is ${digits(largest, 3)}`
-      : 'Stability multipliers: none';
-    mark(this.canvas, 'aria-label', words);
+    for (const [x, y, size] of this.places) this.disc(x, y, 3.6, size < 1 ? colours.good : colours.bad);
+    const largest = sizes.length ? ` on the unit circle; the largest modulus is ${digits(Math.max(...sizes), 3)}` : ': none';
+    mark(this.canvas, 'aria-label', `Stability multipliers${largest}`);
   }
 }
 
 /** @type {import('../screen.js').Mount} */
-export const mount = (root, store) => {
-  return new Multipliers(byId('multipliers-canvas'), store.theory);
-};
+export const mount = (root, store) => new Multipliers(byId('multipliers-canvas'), store.theory);

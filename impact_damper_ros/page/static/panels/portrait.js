@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Phase portrait of m in the gap.
 
-import { Axes, colours, dashes, plotPanel, SteadyRange, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
+import { Axes, colours, dashes, plotPanel, SteadyRange, SteadySpan, stopColour } from '../chart.js';
 import { write } from '../dom.js';
 import { lengthUnit, niceAbove, TAU, velocityUnit } from '../format.js';
 import { drive } from '../words.js';
@@ -62,11 +62,9 @@ class PhasePortrait extends Axes {
     const { toX, toY, box } = this.axes({
       x: [left, right], along: ['Y', lengthUnit(Math.max(-left, right))], y: [-height, height], across: ['Y′', velocityUnit(height)],
     });
-    within(this.context, box, (context) => {
-      const draw = (points, stroke, wide) => {
-        context.strokeStyle = stroke;
-        context.lineWidth = wide;
-        if (points.length) strokeLines(context, points.map(([a, b]) => [toX(a), toY(b)]));
+    this.within(box, (context) => {
+      const draw = (points, stroke, wide, dash = []) => {
+        if (points.length) this.lines(stroke, wide, [points.map(([a, b]) => [toX(a), toY(b)])], dash);
       };
       stops.forEach((places, n) => {
         for (const place of places) draw([[place, -height], [place, height]], n ? stopColour(place > 0 ? 1 : 2) : colours.special, n + 1);
@@ -79,9 +77,7 @@ class PhasePortrait extends Axes {
       context.globalAlpha = 0.8;
       draw(ghostLine, colours.special, 1);
       context.globalAlpha = 1;
-      context.setLineDash(dashes(theory.orbit ?? {}));
-      draw(orbit, colours.theory, 0.9);
-      context.setLineDash([]);
+      draw(orbit, colours.theory, 0.9, dashes(theory.orbit ?? {}));
       if (!state || !line.length) return;
       const [place, velocity] = line.at(-1);
       this.dot(toX(place), toY(velocity), colours.damper, 4.5);

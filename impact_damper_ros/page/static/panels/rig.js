@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rig in side view, in slow motion beside it, and dragged by hand.
 
-import { byId, mark, write } from '../dom.js';
+import { byId, mark, viewSwitch, write } from '../dom.js';
 import { Drag } from '../drag.js';
 import { digits, withUnit } from '../format.js';
 import { RigDrawing } from '../rig_drawing.js';
@@ -62,11 +62,10 @@ export const mount = (root, store, actions, { knobs }) => {
     gap: (value) => knobs.turn('gap', value),
     release: (place) => actions.release(place),
   });
-  const relative = byId('relative');
-  const showFrom = () => {
-    history.countFrom(relative.checked && !byId('relative-switch').hidden);
+  const showFrom = viewSwitch(store, 'relative', (on) => {
+    history.countFrom(on && !byId('relative-switch').hidden);
     store.emit('rescale', { time: NaN });
-  };
+  });
   store.on('hello', () => {
     panel.clear();
     drag.on = store.steers;
@@ -87,17 +86,6 @@ export const mount = (root, store, actions, { knobs }) => {
   store.on('frame', () => {
     for (const { stop, impulse } of history.fresh) panel.rig.flash(stop, impulse, performance.now());
   });
-  relative.checked = store.address.view.relative === '1';
-  relative.addEventListener('change', () => {
-    store.keepView('relative', relative.checked ? '1' : '');
-    showFrom();
-  });
-  const slow = byId('slow');
-  slow.checked = store.address.view.slow === '1';
-  panel.slow.switch(slow.checked);
-  slow.addEventListener('change', () => {
-    panel.slow.switch(slow.checked);
-    store.keepView('slow', slow.checked ? '1' : '');
-  });
+  viewSwitch(store, 'slow', (on) => panel.slow.switch(on))();
   return panel;
 };

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Scrolling traces of X, Z and both stops, with impacts, turned knobs and theory.
 
-import { Axes, circle, colours, dashes, font, plain, SteadySpan, stopColour, strokeLines, within } from '../chart.js';
-import { all, byId, mark, write } from '../dom.js';
+import { Axes, colours, dashes, font, plain, SteadySpan, stopColour } from '../chart.js';
+import { all, byId, mark, viewSwitch, write } from '../dom.js';
 import { digits, lengthUnit, TAU } from '../format.js';
 import { drive } from '../words.js';
 
@@ -47,7 +47,7 @@ class Traces extends Axes {
     this.unit = lengthUnit(Math.max(-low, high));
     const { box } = this.axes({ x: this.span(), along: ['rig time', plain('s')], y: [low, high], across: ['X, Z', this.unit], xTicks: 12, yTicks: 9 });
     this.changes(box);
-    within(this.context, box, () => {
+    this.within(box, () => {
       const { own: { samples, relative }, other } = this.history;
       for (const [name, stroke, wide] of /** @type {[string, string, number][]} */ ([
         ['stop_1', stopColour(1), 0.8], ['stop_2', stopColour(2), 0.8], ['z', colours.damper, 1.8], ['x', colours.primary, 2.6],
@@ -59,10 +59,7 @@ class Traces extends Axes {
       // Theory is of X in the laboratory.
       if (this.store.showTheory && !relative && this.theory.orbit?.t) this.predicted(box);
       this.controlled(box);
-      if (this.pointer) {
-        Object.assign(this.context, { strokeStyle: colours.steel, lineWidth: 1 });
-        strokeLines(this.context, [[this.pointer[0], box.top], [this.pointer[0], box.top + box.height]]);
-      }
+      if (this.pointer) this.lines(colours.steel, 1, [[[this.pointer[0], box.top], [this.pointer[0], box.top + box.height]]]);
     });
   }
 
@@ -103,40 +100,31 @@ class Traces extends Axes {
     const em = Math.max(10.5, 0.78 * colours.size);
     const taken = [];
     const [from, to] = this.span();
-    Object.assign(context, { strokeStyle: colours.special, fillStyle: colours.special, lineWidth: 1, textAlign: 'left', textBaseline: 'alphabetic', font: font(0.78) });
+    context.font = font(0.78);
     // The newest first: it has its text in any case.
     for (const { time, text } of this.history.changes.toReversed()) {
       if (time < from || time > to) continue;
       const place = this.plan.toX(time);
-      context.setLineDash([4, 3]);
-      strokeLines(context, [[place, top - 1.3 * em], [place, top + height]]);
-      context.setLineDash([]);
+      this.lines(colours.special, 1, [[[place, top - 1.3 * em], [place, top + height]]], [4, 3]);
       const wide = context.measureText(text).width;
       // Beside the unit of the axis
       const begin = Math.max(left + 2.5 * em, Math.min(place + 0.35 * em, left + width - wide));
       const row = [top - 0.45 * em, top + 1.1 * em].find((level) => taken.every(([low, high, other]) => other !== level || begin > high || begin + wide < low));
       if (row === undefined) continue;
       taken.push([begin - em, begin + wide + em, row]);
-      context.fillText(text, begin, row);
+      this.text(text, begin, row, { colour: colours.special });
     }
   }
 
   /** Impacts as dots where m is. */
   impacts({ width }) {
-    const { context, history: { impacts, window } } = this;
+    const { impacts, window } = this.history;
     const [from, to] = this.span();
     const [time, stop, x, y] = ['time', 'stop', 'x', 'y'].map((name) => impacts.field(name));
     const first = impacts.after(from);
     const size = (impacts.end - first) / Math.max(1, width) > 0.25 || window > 12 ? 1.6 : 2.6;
     for (let n = Math.max(first, impacts.end - MOST_DOTS); n < impacts.end; n += 1) {
-      if (time[n] > to) continue;
-      context.fillStyle = stopColour(stop[n]);
-      const [place, height] = [this.plan.toX(time[n]), this.plan.toY(x[n] + y[n])];
-      if (stop[n] === 1) context.fillRect(place - size, height - size, 2 * size, 2 * size);
-      else {
-        circle(context, place, height, 1.15 * size);
-        context.fill();
-      }
+      if (time[n] <= to) this.impact(stop[n], this.plan.toX(time[n]), this.plan.toY(x[n] + y[n]), size);
     }
   }
 
@@ -170,12 +158,9 @@ class Traces extends Axes {
   }
 
   predicted({ left, width }) {
-    const { context, history, theory: { orbit } } = this;
+    const { history, theory: { orbit } } = this;
     const [from, to] = this.span();
     const begin = Math.max(from, history.lastChange);
-    // Thinner than what is measured, which is seen on both sides of it
-    Object.assign(context, { strokeStyle: colours.theory, lineWidth: 0.8 });
-    context.setLineDash(dashes(orbit));
     const lines = [];
     const perPeriod = (orbit.period / (to - from)) * width;
     if (perPeriod < 36) {
@@ -198,8 +183,8 @@ class Traces extends Axes {
         if (points.length) lines.push(points);
       }
     }
-    strokeLines(context, ...lines);
-    context.setLineDash([]);
+    // Thinner than what is measured, which is seen on both sides of it
+    this.lines(colours.theory, 0.8, lines, dashes(orbit));
   }
 
   /** Values at the pointer, or now. */
@@ -246,17 +231,10 @@ export const mount = (root, store, actions) => {
     const seconds = windows.findLast((one) => one >= 8 / frequency) ?? windows[0];
     if (seconds !== store.history.window) store.setWindow(seconds);
   });
-  const theory = byId('theory');
-  const showTheory = () => {
-    store.showTheory = theory.checked;
+  viewSwitch(store, 'theory', (on) => {
+    store.showTheory = on;
     store.emit('rescale', { time: NaN });
-  };
-  theory.checked = store.address.view.theory !== '0';
-  theory.addEventListener('change', () => {
-    showTheory();
-    store.keepView('theory', theory.checked ? '' : '0');
-  });
-  store.showTheory = theory.checked;
+  }, true)();
   showWindow();
   return panel;
 };

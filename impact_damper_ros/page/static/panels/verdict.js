@@ -104,7 +104,10 @@ export const mount = (root, store) => {
   const panel = new Verdict();
   const { theory } = store;
   const report = () => {
-    if (store.isLive && store.diagnostics) panel.diagnostics(store.diagnostics, theory);
+    if (!store.isLive || !store.diagnostics) return;
+    panel.diagnostics(store.diagnostics, theory);
+    // Without a measured motion the verdict has all of it.
+    byId('theory-text').hidden = store.isInPage && !theory.failed;
   };
   store.on('hello', () => {
     panel.clear();
