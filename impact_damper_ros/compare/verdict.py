@@ -162,7 +162,7 @@ def _free_vibration(stretch: RecordedStretch, *, joined: bool) -> float:
     rig, flights = stretch.parameters, stretch.flights
     mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
     last, tau = np.array([len(flights) - 1]), flights.spans[-1:]
-    steady, speed = (flights.laws.push / flights.laws.stiffness)[last], 0.0
+    steady, speed = (flights.equations.push / flights.equations.stiffness)[last], 0.0
     for number, amplitude in enumerate(rig.harmonics[0]):
         if amplitude:
             force, rate = flights.line(number, last)

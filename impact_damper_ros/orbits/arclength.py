@@ -40,7 +40,7 @@ from .closed_flights import (
     write_monodromy,
     write_tangent,
 )
-from .impact_equations import set_laws, write_linear_system, write_velocities
+from .impact_equations import set_coefficients, write_linear_system, write_velocities
 from .start_scan import find_starts
 from .viability import judge
 
@@ -448,7 +448,7 @@ def compute(
     if task == FIND_STARTS:
         return 0, find_starts(problem, trace, int(one), int(other))
     if task == LINEAR_SYSTEM:
-        set_laws(problem)
+        set_coefficients(problem)
         if one > 0.0:
             write_velocities(problem)
         else:

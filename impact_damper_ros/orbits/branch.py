@@ -203,13 +203,13 @@ class Branch:
     ended: str
     began: str = ''
     #: Consecutive points of one curve; where two curves meet, both have the point.
-    _stretches: tuple[tuple[BranchPoint, ...], ...] = field(default=(), repr=False, compare=False)
+    _polylines: tuple[tuple[BranchPoint, ...], ...] = field(default=(), repr=False, compare=False)
 
     @property
     def _pieces(self) -> Iterator[Piece]:
         """The parts between neighbouring points of one curve."""
-        for stretch in self._stretches:
-            for start, end in pairwise(stretch):
+        for polyline in self._polylines:
+            for start, end in pairwise(polyline):
                 yield Piece(start.curve, start, end)
 
     def __repr__(self) -> str:
@@ -472,7 +472,7 @@ class Branch:
             special=self.special[::-1],
             began=self.ended,
             ended=self.began,
-            _stretches=tuple(stretch[::-1] for stretch in self._stretches[::-1]),
+            _polylines=tuple(polyline[::-1] for polyline in self._polylines[::-1]),
         )
 
     def extend(self, further: Branch) -> Branch:
@@ -482,7 +482,7 @@ class Branch:
             points=(*self.points, *further.points[1:]),
             special=(*self.special, *further.special),
             ended=further.ended,
-            _stretches=(*self._stretches, *further._stretches),
+            _polylines=(*self._polylines, *further._polylines),
         )
 
 

@@ -216,7 +216,7 @@ def _fresh_curve(
 def _grow(curve: SolutionCurve, point: BranchPoint) -> Branch:
     """Step along a branch until it leaves the bounds, ends or closes."""
     along = curve.along
-    stretches, special = [[point]], list[SpecialPoint]()
+    polylines, special = [[point]], list[SpecialPoint]()
     here, step = point, _FIRST_STEP * along.largest_step
     count, ended = 1, ''
     while not ended and count < along.most_points:
@@ -224,14 +224,14 @@ def _grow(curve: SolutionCurve, point: BranchPoint) -> Branch:
         beyond = ahead.pop() if why == NOT_VIABLE else None
         here = ahead[-1] if ahead else here
         count += sum(one.row[KIND] == ORDINARY for one in ahead)
-        stretch, since = stretches[-1], len(stretches[-1])
+        polyline, since = polylines[-1], len(polylines[-1])
         kept, located = _with_special(ahead)
-        stretch += kept
-        closes = _closes(stretch, since) if len(stretches) == 1 else None
+        polyline += kept
+        closes = _closes(polyline, since) if len(polylines) == 1 else None
         if closes is not None:
             ended = CLOSES
-            stretch[closes:] = [point]
-            located = [one for one in located if one.point in stretch]
+            polyline[closes:] = [point]
+            located = [one for one in located if one.point in polyline]
         special += located
         if ended:
             break
@@ -246,10 +246,10 @@ def _grow(curve: SolutionCurve, point: BranchPoint) -> Branch:
                 ended = NONE_NEARBY if step < LEAST_STEP * along.largest_step else ''
                 continue
             kept, located = _with_special(curve.between(here, beyond), (here, fresh[1]))
-            stretch += kept
+            polyline += kept
             special += located
             curve, here = fresh
-            stretches.append([here])
+            polylines.append([here])
             count += 1
             step = _FIRST_STEP * along.largest_step
             if not along.low < here.value < along.high:
@@ -257,10 +257,10 @@ def _grow(curve: SolutionCurve, point: BranchPoint) -> Branch:
                 ended = f'{along.name} = {end:g}, {END}'
     return Branch(
         name=along.name,
-        points=tuple(itertools.chain.from_iterable(stretches)),
+        points=tuple(itertools.chain.from_iterable(polylines)),
         special=tuple(special),
         ended=ended or f'{along.most_points}{POINTS}',
-        _stretches=tuple(map(tuple, stretches)),
+        _polylines=tuple(map(tuple, polylines)),
     )
 
 

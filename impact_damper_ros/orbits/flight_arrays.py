@@ -31,19 +31,19 @@ from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import Snapshot
 
 from .flight_integrals import (
+    EQUATION_COLUMNS,
     FLIGHT_ACTIVE,
     FLIGHT_BEGIN,
     FLIGHT_COLUMNS,
     FLIGHT_LINE,
     GAUSS_POINTS,
-    LAW_COLUMNS,
     NO_SERIES,
     SUM_BASE,
     SUM_FORCE,
     SUM_LARGEST,
     Integrals,
     integrate_flights,
-    write_laws,
+    write_flight_equations,
 )
 from .flights import Machine, machine_of, packed_constants
 from .response import Array, forced_response, unit_response
@@ -120,7 +120,7 @@ def _together(rows: Events) -> Mask:
     return chatter
 
 
-class FlightLaws(NamedTuple):
+class FlightEquations(NamedTuple):
     """
     The equations of motion in flights.
 
@@ -286,18 +286,23 @@ class Flights:
         return np.diff(self.rows['time'])
 
     @cached_property
-    def law_rows(self) -> Array:
-        """The equations of motion in the flights, as rows of `write_laws`."""
-        laws = np.empty((len(self), LAW_COLUMNS))
+    def equation_rows(self) -> Array:
+        """The equations of motion in the flights, as rows of `write_flight_equations`."""
+        equations = np.empty((len(self), EQUATION_COLUMNS))
         call_kernel(
-            write_laws, self.rows, self.together, self.stop, packed_constants(self.rig), laws
+            write_flight_equations,
+            self.rows,
+            self.together,
+            self.stop,
+            packed_constants(self.rig),
+            equations,
         )
-        return laws
+        return equations
 
     @cached_property
-    def laws(self) -> FlightLaws:
+    def equations(self) -> FlightEquations:
         """The equations of motion in the flights, without the active force."""
-        return FlightLaws(*self.law_rows.T)
+        return FlightEquations(*self.equation_rows.T)
 
     def drive_after(self) -> Drive | None:
         """Return the force at the last row."""
@@ -359,7 +364,7 @@ class Flights:
         """Return X, X', X'' and the force (N) in flights, times (s) after their beginnings."""
         assert self.drive is not None
         begin = self.rows[:-1][index]
-        decay, damped, stiffness, push, share, _, _ = self.law_rows[index].T
+        decay, damped, stiffness, push, share, _, _ = self.equation_rows[index].T
         push = push + share * self.active[index]
         less, impulse, slope = unit_response(decay, damped, tau)
         x_0, v_0 = begin['x'] - push / stiffness, begin['primary_velocity_after']
@@ -382,7 +387,7 @@ class Flights:
         self, index: NDArray[np.intp], tau: Array, x: Array, velocity: Array
     ) -> tuple[Array, Array]:
         """Return Y and Y' at times in flights, from X and X' at these times."""
-        begin, fall = self.rows[:-1][index], self.laws.slide[index]
+        begin, fall = self.rows[:-1][index], self.equations.slide[index]
         speed: Array = begin['damper_velocity_after']
         relative = np.subtract(speed, begin['primary_velocity_after'])
         z = np.add(begin['x'], begin['y']) + tau * (speed + 0.5 * tau * fall)
@@ -465,7 +470,7 @@ class Flights:
         if self.drive is not None:
             rates = [rig.omega, *rig.harmonics[1]]
             fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
-            arrays = rows, self.law_rows, self.columns, self.lines, GAUSS_POINTS
+            arrays = rows, self.equation_rows, self.columns, self.lines, GAUSS_POINTS
             numbers = fastest, rig.damping, shaken
             call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
         else:

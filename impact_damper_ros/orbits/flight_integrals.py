@@ -40,8 +40,16 @@ _NEAR_LARGEST, _NEWTON_STEPS = 0.98, 6
 #: Columns of the equations of motion in flights, X'' = push + share F - 2 decay X' - square X with
 #: the force F: also the frequency of the free vibration (rad/s), Z'' = slide where m moves by
 #: itself, and 1 where it does, 0 where it moves as one with M.
-(LAW_DECAY, LAW_DAMPED, LAW_SQUARE, LAW_PUSH, LAW_SHARE, LAW_SLIDE, LAW_MOVES) = range(7)
-LAW_COLUMNS = 7
+(
+    EQUATION_DECAY,
+    EQUATION_DAMPED,
+    EQUATION_SQUARE,
+    EQUATION_PUSH,
+    EQUATION_SHARE,
+    EQUATION_SLIDE,
+    EQUATION_MOVES,
+) = range(7)
+EQUATION_COLUMNS = 7
 #: Columns of flights: the active force (N), when they begin, and amplitude (N), frequency (rad/s)
 #: and phase (rad) of the first harmonic, including the angle that it has turned until then.
 (FLIGHT_ACTIVE, FLIGHT_BEGIN, FLIGHT_LINE) = range(3)
@@ -95,7 +103,9 @@ class Integrals(NamedTuple):
 
 
 @kernel
-def write_laws(rows: Any, together: Any, stops: Any, constants: RigConstants, laws: Any) -> int:
+def write_flight_equations(
+    rows: Any, together: Any, stops: Any, constants: RigConstants, equations: Any
+) -> int:
     """
     Write the equations of motion of the flights between rows; return their number.
 
@@ -104,15 +114,15 @@ def write_laws(rows: Any, together: Any, stops: Any, constants: RigConstants, la
     """
     share = constants.share
     mass = constants.damper_mass / constants.mass_ratio
-    for k in range(len(laws)):
+    for k in range(len(equations)):
         if together[k]:
-            laws[k, LAW_DECAY] = constants.joint.decay
-            laws[k, LAW_DAMPED] = constants.joint.frequency
-            laws[k, LAW_SQUARE] = constants.joint.omega_squared
-            laws[k, LAW_PUSH] = share * constants.slope
-            laws[k, LAW_SHARE] = (1.0 - share) / mass
-            laws[k, LAW_SLIDE] = 0.0
-            laws[k, LAW_MOVES] = 0.0
+            equations[k, EQUATION_DECAY] = constants.joint.decay
+            equations[k, EQUATION_DAMPED] = constants.joint.frequency
+            equations[k, EQUATION_SQUARE] = constants.joint.omega_squared
+            equations[k, EQUATION_PUSH] = share * constants.slope
+            equations[k, EQUATION_SHARE] = (1.0 - share) / mass
+            equations[k, EQUATION_SLIDE] = 0.0
+            equations[k, EQUATION_MOVES] = 0.0
             continue
         relative = rows['damper_velocity_after'][k] - rows['primary_velocity_after'][k]
         if relative == 0.0:
@@ -124,14 +134,14 @@ def write_laws(rows: Any, together: Any, stops: Any, constants: RigConstants, la
         air = 0.0
         if stops[k] != 0:
             air = constants.air if stops[k] == 2 else -constants.air
-        laws[k, LAW_DECAY] = constants.free.decay
-        laws[k, LAW_DAMPED] = constants.free.frequency
-        laws[k, LAW_SQUARE] = constants.free.omega_squared
-        laws[k, LAW_PUSH] = constants.mass_ratio * (friction - air)
-        laws[k, LAW_SHARE] = 1.0 / mass
-        laws[k, LAW_SLIDE] = constants.slope - friction + air
-        laws[k, LAW_MOVES] = 1.0
-    return len(laws)
+        equations[k, EQUATION_DECAY] = constants.free.decay
+        equations[k, EQUATION_DAMPED] = constants.free.frequency
+        equations[k, EQUATION_SQUARE] = constants.free.omega_squared
+        equations[k, EQUATION_PUSH] = constants.mass_ratio * (friction - air)
+        equations[k, EQUATION_SHARE] = 1.0 / mass
+        equations[k, EQUATION_SLIDE] = constants.slope - friction + air
+        equations[k, EQUATION_MOVES] = 1.0
+    return len(equations)
 
 
 @kernel
@@ -147,7 +157,7 @@ def harmonic_at(flight: Any, lines: Any, j: int, since: float) -> tuple[float, f
 
 @kernel
 def write_series(
-    law: Any, flight: Any, lines: Any, series: Any, span: float, since: float
+    equation: Any, flight: Any, lines: Any, series: Any, span: float, since: float
 ) -> None:
     """
     Write the terms of X and of the force in a piece, whose first two of X are known.
@@ -168,10 +178,12 @@ def write_series(
             series[_SERIES_FORCE, n + 1] += odd
             even *= turn * series[_SERIES_SHARE, n]
             odd *= turn * series[_SERIES_SHARE, n + 1]
-    dashpot = 2.0 * law[LAW_DECAY] * span
-    spring = law[LAW_SQUARE] * span * span
-    push = law[LAW_SHARE] * span * span
-    constant = (law[LAW_PUSH] + law[LAW_SHARE] * flight[FLIGHT_ACTIVE]) * span * span
+    dashpot = 2.0 * equation[EQUATION_DECAY] * span
+    spring = equation[EQUATION_SQUARE] * span * span
+    push = equation[EQUATION_SHARE] * span * span
+    constant = (
+        (equation[EQUATION_PUSH] + equation[EQUATION_SHARE] * flight[FLIGHT_ACTIVE]) * span * span
+    )
     before = series[_SERIES_X, 0]
     last = series[_SERIES_X, 1]
     for n in range(TERMS - 2):
@@ -236,7 +248,7 @@ def base_of_flight(flight: Any, lines: Any, since: float) -> tuple[float, float,
 @kernel
 def integrate_flights(
     rows: Any,
-    laws: Any,
+    equations: Any,
     flights: Any,
     lines: Any,
     points: Any,
@@ -253,7 +265,7 @@ def integrate_flights(
     dashpot, N s/m, and `shaken` whether a base moves.
     """
     for i in range(len(flights)):
-        law = laws[i]
+        equation = equations[i]
         flight = flights[i]
         length = rows['time'][i + 1] - rows['time'][i]
         pieces = max(1.0, ceil(length * fastest / _PIECE_ANGLE))
@@ -266,7 +278,7 @@ def integrate_flights(
             since = piece * span
             series[_SERIES_X, 0] = x
             series[_SERIES_X, 1] = velocity * span
-            write_series(law, flight, lines, series, span, since)
+            write_series(equation, flight, lines, series, span, since)
             best = abs(x)
             place = 0.0
             sums[SUM_TIME] += span
@@ -290,8 +302,10 @@ def integrate_flights(
                     slip = speed - base_speed
                     # The motion of the base also changes the rate of the dashpot.
                     sums[SUM_FORCE] += weight * damping * (slip * slip - speed * speed)
-                    rate = law[LAW_PUSH] + law[LAW_SHARE] * force
-                    rate -= 2.0 * law[LAW_DECAY] * speed + law[LAW_SQUARE] * here
+                    rate = equation[EQUATION_PUSH] + equation[EQUATION_SHARE] * force
+                    rate -= (
+                        2.0 * equation[EQUATION_DECAY] * speed + equation[EQUATION_SQUARE] * here
+                    )
                     sums[SUM_BASE] += weight * base
                     sums[SUM_BASE + 1] += weight * base * base
                     sums[SUM_BASE + 2] += weight * here * base

@@ -42,7 +42,7 @@ _HALF_TURN = 3.141592653589793
 
 
 @kernel
-def set_laws(problem: Problem) -> None:
+def set_coefficients(problem: Problem) -> None:
     """Write the entries of each impact in the equations into its row, for a constant R."""
     nodes, table, constants = problem.nodes, problem.table, problem.moving.constants
     for j in range(len(nodes)):

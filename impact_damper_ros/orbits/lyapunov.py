@@ -27,11 +27,11 @@ from impact_damper_ros.motion.state import STICK, RigConstants
 
 from .flight_arrays import Flights
 from .flight_integrals import (
+    EQUATION_DAMPED,
+    EQUATION_DECAY,
+    EQUATION_MOVES,
+    EQUATION_SQUARE,
     FLIGHT_ACTIVE,
-    LAW_DAMPED,
-    LAW_DECAY,
-    LAW_MOVES,
-    LAW_SQUARE,
     harmonic_at,
 )
 from .flights import packed_constants
@@ -46,11 +46,11 @@ _STUDENT = 2.093
 
 
 @kernel
-def carry_by_flight(law: Any, mode: int, span: float, columns: Any) -> None:
+def carry_by_flight(equation: Any, mode: int, span: float, columns: Any) -> None:
     """Carry deviations, a column each, through a flight."""
-    decay = law[LAW_DECAY]
-    damped = law[LAW_DAMPED]
-    stiffness = law[LAW_SQUARE]
+    decay = equation[EQUATION_DECAY]
+    damped = equation[EQUATION_DAMPED]
+    stiffness = equation[EQUATION_SQUARE]
     less = expm1(-decay * span)
     half = 0.5 * damped * span
     envelope = 1.0 + less
@@ -64,7 +64,7 @@ def carry_by_flight(law: Any, mode: int, span: float, columns: Any) -> None:
         v = columns[V, c]
         columns[X, c] = x + (less * x + impulse * v)
         columns[V, c] = slope * v - stiffness * impulse * x
-        if law[LAW_MOVES] != 0.0:
+        if equation[EQUATION_MOVES] != 0.0:
             rise = (span - impulse) * v - less * x
             columns[Y, c] += span * columns[U, c] + rise
             columns[U, c] += stiffness * impulse * x + (1.0 - slope) * v
@@ -117,7 +117,7 @@ def scaled_down(columns: Any, rate: float) -> float:
 def carry_deviations(
     constants: RigConstants,
     rows: Any,
-    laws: Any,
+    equations: Any,
     flights: Any,
     lines: Any,
     start: float,
@@ -138,7 +138,7 @@ def carry_deviations(
     now = start
     times = rows['time']
     k = 1
-    while k < len(laws) and times[k] <= start:
+    while k < len(equations) and times[k] <= start:
         k += 1
     for part in range(len(ends)):
         growth[part] = 0.0
@@ -146,20 +146,20 @@ def carry_deviations(
             for i in range(4):
                 for c in range(4):
                     columns[i, c] = 1.0 if i == c else 0.0
-        while k < len(laws) and times[k] <= ends[part]:
-            carry_by_flight(laws[k - 1], rows['mode'][k - 1], times[k] - now, columns)
+        while k < len(equations) and times[k] <= ends[part]:
+            carry_by_flight(equations[k - 1], rows['mode'][k - 1], times[k] - now, columns)
             force = 0.0
             for j in range(len(lines)):
                 size, _, phase = harmonic_at(flights[k], lines, j, 0.0)
                 force += size * sin(phase)
             before = force + flights[k - 1, FLIGHT_ACTIVE]
             after = force + flights[k, FLIGHT_ACTIVE]
-            write_event_matrix(constants, rows, k, laws, before, after, matrix)
+            write_event_matrix(constants, rows, k, equations, before, after, matrix)
             carry_by_event(matrix, columns)
             growth[part] += scaled_down(columns, rate)
             now = times[k]
             k += 1
-        carry_by_flight(laws[k - 1], rows['mode'][k - 1], ends[part] - now, columns)
+        carry_by_flight(equations[k - 1], rows['mode'][k - 1], ends[part] - now, columns)
         growth[part] += scaled_down(columns, rate)
         now = ends[part]
         for i in range(4):
@@ -187,7 +187,7 @@ class Deviations:
         growth, products = np.zeros(len(ends)), np.zeros((len(ends), *columns.shape))
         run, constants = self.flights, packed_constants(self.flights.rig)
         call_kernel(
-            *(carry_deviations, constants, run.rows, run.law_rows, run.columns, run.lines),
+            *(carry_deviations, constants, run.rows, run.equation_rows, run.columns, run.lines),
             *(self.start, ends, anew, rate, columns.copy(), np.empty((6, 4)), growth, products),
         )
         return products, growth

@@ -29,12 +29,12 @@ from impact_damper_ros.motion.state import RigConstants
 from impact_damper_ros.rig.run_result import Events
 
 from .flight_integrals import (
-    LAW_DECAY,
-    LAW_MOVES,
-    LAW_PUSH,
-    LAW_SHARE,
-    LAW_SLIDE,
-    LAW_SQUARE,
+    EQUATION_DECAY,
+    EQUATION_MOVES,
+    EQUATION_PUSH,
+    EQUATION_SHARE,
+    EQUATION_SLIDE,
+    EQUATION_SQUARE,
 )
 from .response import Array
 
@@ -58,15 +58,15 @@ def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple
 
 @kernel
 def write_rates(
-    law: Any, side: Any, force: float, x: float, velocity: float, relative: float
+    equation: Any, side: Any, force: float, x: float, velocity: float, relative: float
 ) -> None:
-    """Write the rates of a state in a flight, given its law and the force on M, N."""
-    acceleration = law[LAW_PUSH] + law[LAW_SHARE] * force
-    acceleration -= 2.0 * law[LAW_DECAY] * velocity + law[LAW_SQUARE] * x
+    """Write the rates of a state in a flight, given its equation and the force on M, N."""
+    acceleration = equation[EQUATION_PUSH] + equation[EQUATION_SHARE] * force
+    acceleration -= 2.0 * equation[EQUATION_DECAY] * velocity + equation[EQUATION_SQUARE] * x
     side[X] = velocity
     side[V] = acceleration
-    side[Y] = law[LAW_MOVES] * relative
-    side[U] = law[LAW_MOVES] * (law[LAW_SLIDE] - acceleration)
+    side[Y] = equation[EQUATION_MOVES] * relative
+    side[U] = equation[EQUATION_MOVES] * (equation[EQUATION_SLIDE] - acceleration)
 
 
 @kernel
@@ -74,7 +74,7 @@ def write_event_matrix(
     constants: RigConstants,
     rows: Any,
     k: int,
-    laws: Any,
+    equations: Any,
     force_before: float,
     force_after: float,
     matrix: Any,
@@ -82,8 +82,8 @@ def write_event_matrix(
     """
     Write the matrix that carries deviations through the event of a row.
 
-    The forces are those on M, N, and the laws those of all flights. Rows of the matrix beyond the
-    fourth are room for the rates before and after. At an event that is no impact, the relative
+    The forces act on M (N), and the equations are those of all flights. Rows of the matrix beyond
+    the fourth are room for the rates before and after. At an event that is no impact, the relative
     velocity becomes zero. A deviation does not move an event whose time does not depend on the
     state, nor one where m stuck or rested: its relative acceleration is zero there.
     """
@@ -93,7 +93,7 @@ def write_event_matrix(
     stay = 1.0
     if impact:
         restitution = constants.restitution_1 if rows['stop'][k] == 1 else constants.restitution_2
-        if laws[k, LAW_MOVES] == 0.0:
+        if equations[k, EQUATION_MOVES] == 0.0:
             # A plastic impact, or the cut of a chatter, where all further impacts count as one.
             restitution = 0.0
         approach = rows['damper_velocity_before'][k] - rows['primary_velocity_before'][k]
@@ -108,11 +108,11 @@ def write_event_matrix(
             force = force_after
             velocity = rows['primary_velocity_after'][k]
             relative = rows['damper_velocity_after'][k] - velocity
-        law = laws[k - 1 + side]
-        if law[LAW_MOVES] == 0.0:
+        equation = equations[k - 1 + side]
+        if equation[EQUATION_MOVES] == 0.0:
             # In the rest of a chatter, whose impacts are not resolved, both have one velocity.
             velocity += constants.share * relative
-        write_rates(law, matrix[4 + side], force, rows['x'][k], velocity, relative)
+        write_rates(equation, matrix[4 + side], force, rows['x'][k], velocity, relative)
     before = matrix[4]
     after = matrix[5]
     normal = Y if impact else U

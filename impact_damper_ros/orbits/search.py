@@ -61,7 +61,7 @@ _MOST_EVENTS = 200
 _FIRST_PERIODS = 10
 #: Changes of the velocity of M by which a rig leaves an unstable motion, as shares of Xmax Omega:
 #: large ones for slow departures, small ones where another motion is near.
-_PUSHES = 1e-2, -1e-2, 1e-4, -1e-4
+_CHANGES = 1e-2, -1e-2, 1e-4, -1e-4
 _FIRST_SHARE = 0.25
 _LEAST_SHARE = 1.0 / 64.0
 _NUMBERS = [
@@ -278,8 +278,8 @@ def settled_orbits(parameters: RigParameters, cycles: int) -> tuple[PeriodicOrbi
 def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | None]:
     """Yield the orbits that a rig reaches from an unstable one by small changes of velocity."""
     rate = orbit.parameters.first_harmonic[1]
-    for push in _PUSHES:
-        rig = after_impact(orbit, orbit.parameters, push * orbit.x_max * rate)
+    for change in _CHANGES:
+        rig = after_impact(orbit, orbit.parameters, change * orbit.x_max * rate)
         yield from _settled_near(rig, orbit.instants[0], cycles)
 
 

@@ -81,7 +81,7 @@ def relative_states(samples: np.ndarray[Any, np.dtype[np.void]]) -> Array:
     )
 
 
-class _Stretch(NamedTuple):
+class _Part(NamedTuple):
     """A part of a run between two comparisons."""
 
     start: float
@@ -274,7 +274,7 @@ class _SettlingRig:
         self.rate = max(math.tau / self.cycle, parameters.omega)
         self.start, self.cycles, self.events = rig.time, 0, 0
         self.reason = ''
-        self.stretches: list[_Stretch] = []
+        self.parts: list[_Part] = []
         self.last = np.empty(0, EVENT_TYPE)
         rates = parameters.harmonics[1]
         self._static = max(map(abs, parameters.harmonics[0]), default=0.0) / parameters.stiffness
@@ -336,13 +336,13 @@ class _SettlingRig:
             places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
         self._section = np.concatenate([self._section, section])
-        self.stretches.append(_Stretch(begun, first, active, result.events, quiet))
+        self.parts.append(_Part(begun, first, active, result.events, quiet))
         hits = result.impacts()['time']
         self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
         self.cycles += cycles
         oldest = self.start + (self.cycles - self._watch) * self.cycle
-        while len(self.stretches) > 1 and self.stretches[1].start <= oldest:
-            del self.stretches[0]
+        while len(self.parts) > 1 and self.parts[1].start <= oldest:
+            del self.parts[0]
         return True
 
     def period(self, tolerance: float) -> Period | None:
@@ -364,8 +364,8 @@ class _SettlingRig:
     def result(self, kind: MotionKind, **fields: Any) -> SettledMotion:
         """Return the motion, given its kind and further fields."""
         first, active = np.zeros(1, EVENT_TYPE), 0.0
-        if self.stretches:
-            first, active = self.stretches[0].first, self.stretches[0].active
+        if self.parts:
+            first, active = self.parts[0].first, self.parts[0].active
         return SettledMotion(
             kind=kind,
             parameters=self.parameters,
@@ -373,9 +373,9 @@ class _SettlingRig:
             start=self.start,
             turned=self.turned / math.tau,
             cycles=self.cycles,
-            events=one_table(np.empty(0, EVENT_TYPE), *(s.events for s in self.stretches)),
+            events=one_table(np.empty(0, EVENT_TYPE), *(s.events for s in self.parts)),
             event_count=self.events,
-            section=np.concatenate([np.empty((0, 4)), *(s.section for s in self.stretches)]),
+            section=np.concatenate([np.empty((0, 4)), *(s.section for s in self.parts)]),
             reason=self.reason,
             _first=first,
             _last=self.last,

@@ -121,9 +121,9 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
     return Guess(nodes, states, instants)
 
 
-def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, push: float = 0.0) -> Rig:
+def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, change: float = 0.0) -> Rig:
     """Return a rig just after the first impact of a motion, with a change of X' before it, m/s."""
-    velocity = orbit.primary_velocity_before[0] + push
+    velocity = orbit.primary_velocity_before[0] + change
     damper_velocity = orbit.damper_velocity_before[0]
     there = flight_at_impact(
         machine_of(parameters),

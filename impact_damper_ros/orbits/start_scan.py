@@ -32,7 +32,7 @@ from .closed_flights import (
     Problem,
     matrix_row,
 )
-from .impact_equations import set_laws, write_linear_system, write_velocities
+from .impact_equations import set_coefficients, write_linear_system, write_velocities
 from .variable_projection import approach_roots
 
 _HALF_TURN = 3.141592653589793
@@ -340,7 +340,7 @@ def find_starts(problem: Problem, starts: Any, first: int, end: int) -> int:
     of points is in the last row. For more impacts the starts at given instants are brought closer
     to roots.
     """
-    set_laws(problem)
+    set_coefficients(problem)
     if len(problem.nodes) > 2:
         return approach_roots(problem, starts)
     if len(problem.nodes) == 1:

@@ -37,7 +37,7 @@ from impact_damper_ros.orbits.closed_flights import (
     write_equations,
 )
 from impact_damper_ros.orbits.flights import flight_at, machine_of
-from impact_damper_ros.orbits.impact_equations import set_laws, write_velocities
+from impact_damper_ros.orbits.impact_equations import set_coefficients, write_velocities
 from impact_damper_ros.orbits.periodic_problem import (
     Node,
     PeriodicProblem,
@@ -231,7 +231,7 @@ def test_flights_lead_to_where_the_impact_equations_say():
         assert np.roll(x, -1) - end == pytest.approx((rows @ vector)[:n], abs=1e-12)
         # The velocities of the kernel that corrects starts are the same ones.
         problem.place[1::4] = 0.0
-        set_laws(arrays)
+        set_coefficients(arrays)
         write_velocities(arrays)
         assert problem.place[:-1] == pytest.approx(problem.unknowns(states, instants), abs=1e-12)
 

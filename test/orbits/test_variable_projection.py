@@ -6,7 +6,7 @@ import pytest
 
 from impact_damper_ros import RigParameters
 from impact_damper_ros.orbits.closed_flights import DERIVATIVE, set_rig
-from impact_damper_ros.orbits.impact_equations import set_laws
+from impact_damper_ros.orbits.impact_equations import set_coefficients
 from impact_damper_ros.orbits.starts import ImpactEquations
 from impact_damper_ros.orbits.variable_projection import keep, project
 
@@ -28,7 +28,7 @@ def _set_up(problem):
     """Set the constants of the rig, and what is asked of each impact."""
     moving = problem.arrays.moving
     set_rig(moving.constants, moving.lines, problem.rig)
-    set_laws(problem.arrays)
+    set_coefficients(problem.arrays)
 
 
 def _sum_of_squares(equations, angles):
