@@ -7,8 +7,8 @@ before, in order, each as a name and its value:
 
 - ``['change', {parameter: value, ...}]``: parameters that took other values together,
 - ``['reset', {parameter: value, ...}]``: a reset to these initial conditions,
-- ``['stamp_offset_ns', stamp]``: the stamps moved on or back; this is the stamp of rig time 0 from
-here on.
+- ``['stamp_offset_ns', stamp]``: the stamps moved on or back; this is the stamp of rig time 0
+  from here on.
 
 A reader carries out these entries, and need not compare snapshots. `run` is a random number that
 all snapshots of one run have in common: another one is of a rig that was started anew.

@@ -34,13 +34,12 @@ from .closed_flights import (
     UNITS,
     Problem,
     coordinates,
-    newton,
     set_rig,
     vary,
-    write_monodromy,
-    write_tangent,
 )
 from .impact_equations import set_coefficients, write_linear_system, write_velocities
+from .monodromy import write_monodromy
+from .newton import newton, write_tangent
 from .start_scan import find_starts
 from .viability import judge
 

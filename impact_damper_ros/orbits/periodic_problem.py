@@ -53,10 +53,8 @@ from .closed_flights import (
     INSTANT,
     LENGTH,
     MARKS,
-    NEWTON_STEPS,
     PATH,
     PLACE,
-    RESIDUAL_TOLERANCE,
     RIG,
     ROWS,
     SLOPE,
@@ -66,6 +64,7 @@ from .closed_flights import (
     Problem,
 )
 from .multipliers import multipliers_of
+from .newton import NEWTON_STEPS, RESIDUAL_TOLERANCE
 from .viability import why_not_viable
 
 Array = NDArray[np.float64]

@@ -47,9 +47,7 @@ from .closed_flights import (
     Problem,
     coordinates,
     fly,
-    longest_part,
     matrix_row,
-    solve_linear,
     spread,
     unit_of_unknown,
 )
@@ -60,6 +58,7 @@ from .impact_equations import (
     velocity_after,
     write_velocities,
 )
+from .newton import longest_part, solve_linear
 
 #: Residual of a start that has converged; Newton's method does the rest.
 REACHED = 1e-10

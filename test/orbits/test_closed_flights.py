@@ -31,13 +31,13 @@ from impact_damper_ros.orbits.closed_flights import (
     RATE_END,
     SPAN,
     VALUE,
-    add_parameter,
     fly_all,
     set_rig,
     write_equations,
 )
 from impact_damper_ros.orbits.flights import flight_at, machine_of
 from impact_damper_ros.orbits.impact_equations import set_coefficients, write_velocities
+from impact_damper_ros.orbits.newton import add_parameter
 from impact_damper_ros.orbits.periodic_problem import (
     Node,
     PeriodicProblem,
