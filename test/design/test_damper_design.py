@@ -18,6 +18,7 @@ from impact_damper_ros.design.mass_damper import (
 )
 from impact_damper_ros.design.runs_from_rest import (
     at_level,
+    _sizes,
     bare_amplitudes,
     from_rest,
     largest_from_rest,
@@ -255,6 +256,36 @@ def test_friction_is_at_its_ends():
     sizes = largest_from_rest(design.built, {'friction': [0.01, 0.05]}) / design.bare
     assert worst.chosen.ratio == pytest.approx(max(sizes))
     assert worst.chosen.case['friction'] == [0.01, 0.05][int(np.argmax(sizes))]
+
+
+@pytest.mark.parametrize('ratio', [1.0, 0.8, 1.3])
+@pytest.mark.parametrize('speed', [0.0, 0.2])
+def test_the_gap_of_theory_is_its_formula(ratio, speed):
+    """With the mean restitution, at the speed of the impacts of the very amplitude."""
+    values = {'restitution_1': 0.5, 'restitution_2': 0.7, 'restitution_speed': speed}
+    rig = structure(**values, base_frequencies=f'{10.0 * ratio} Hz', mass_ratio=0.1)
+    rate, mu = math.tau * 10.0 * ratio, 0.1
+    x, mean = 0.0, 0.6
+    for _ in range(200):
+        if speed:
+            approach = 2.0 * rate * x / (1.0 - mean)
+            mean = 0.5 * (mean + 0.6 * (1.0 + approach / speed) ** -rig.restitution_exponent)
+        added = 2.0 / math.pi * mu / (1.0 + mu) * (1.0 + mean) / (1.0 - mean)
+        # The base moves by 0.2 g over the square of the frequency; as a force, with its dashpot
+        force = 0.2 * 9.80665 / rate**2 * math.hypot(1.0, 2.0 * 0.02 * ratio)
+        x = force / math.hypot(1.0 - ratio**2, 2.0 * ratio * (0.02 + added))
+    expected = math.pi * x * (1.0 + mean) / (1.0 - mean) / (1.0 + mu)
+    assert optimal_gap(rig) == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_largest_displacement_of_a_cycle_is_between_its_samples():
+    """A cubic turns at -1 and 1, where it is 2.5 and -1.5; at samples it is less."""
+    times = np.array([-1.7, -0.6, 0.1, 1.2, 1.6])
+    samples = np.zeros((2, 5), [(n, 'f8') for n in ('time', 'x', 'primary_velocity')])
+    samples['time'] = times
+    samples['x'] = times**3 - 3.0 * times + 0.5, times
+    samples['primary_velocity'] = 3.0 * times**2 - 3.0, np.ones(5)
+    assert _sizes(samples, 2) == pytest.approx(np.array([[2.5, 1.5], [1.7, 1.6]]), rel=1e-12)
 
 
 @pytest.mark.parametrize('speed', [0.0, 0.1])
