@@ -17,8 +17,8 @@ from impact_damper_ros.design.mass_damper import (
     tuned_to_excitation,
 )
 from impact_damper_ros.design.runs_from_rest import (
-    at_level,
     _sizes,
+    at_level,
     bare_amplitudes,
     from_rest,
     largest_from_rest,

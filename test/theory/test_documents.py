@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from rigs import BENCH, FRICTION, HORIZONTAL
+from rigs import BENCH, FRICTION, HORIZONTAL, VERTICAL
 
 from impact_damper_ros import GapControlParameters, Rig, RigParameters, find_orbits, follow, settle
 from impact_damper_ros.theory.documents import answers
 from impact_damper_ros.theory.gap_curve import follow_gap
+from impact_damper_ros.theory.motion_curve import orbit_curve
 
 
 def documents(rig, control=None):
@@ -64,6 +65,36 @@ def test_drawn_motion_is_that_of_the_rig(inclined):
     y, velocity = np.array(last['y']), np.array(last['relative_velocity'])
     assert np.abs(y).max() == pytest.approx(0.5 * FRICTION.gap, rel=1e-6)
     assert velocity.max() > 0.0 > velocity.min()
+
+
+def test_a_curve_goes_from_the_first_impact_to_the_same_one_a_period_later():
+    """With 250 points in a cycle, of up to six cycles, and the states around each impact."""
+    rig = VERTICAL.replace(force_amplitudes=1.48507)
+    for orbit, per_cycle in (
+        (next(o for o in find_orbits(FRICTION, (1, 2)).orbits if o.viable), 250),
+        (find_orbits(rig, (1,), 3).orbits[0], 250),
+        (find_orbits(rig.replace(force_amplitudes=3.4), (1,), 7).orbits[0], 1500 / 7),
+    ):
+        rows = orbit_curve(orbit)
+        phase = rows[:, 0]
+        assert (np.diff(phase) >= 0.0).all()
+        assert len(rows) == pytest.approx(per_cycle * orbit.cycles, rel=0.02, abs=8.0)
+        assert np.diff(phase).max() == pytest.approx(1.0 / per_cycle, rel=0.05)
+        assert phase[[0, -1]] == pytest.approx(orbit.phases[0] + np.array([0.0, orbit.cycles]))
+        assert rows[-1, 1:].tolist() == rows[0, 1:].tolist()
+        after = orbit.primary_velocity_after[0], orbit.damper_velocity_after[0]
+        assert rows[0, [1, 2]] == pytest.approx([orbit.x[0], after[0]], rel=1e-9)
+        assert rows[0, 4] == pytest.approx(after[1] - after[0], rel=1e-9)
+    others = [o for o in find_orbits(HORIZONTAL, (1, 2)).orbits if not o.viable]
+    assert others
+    assert [*map(orbit_curve, others)] == [None] * len(others)
+
+
+def test_motions_are_listed_viable_and_stable_ones_first():
+    *_, (prediction, _) = answers(Rig(HORIZONTAL).snapshot(), None, documented=False)
+    order = [(not o.viable, not o.stable, o.x_max) for o in prediction.orbits]
+    assert order == sorted(order)
+    assert len({kind[:2] for kind in order}) > 1
 
 
 def test_drawn_motion_of_a_force_that_repeats_after_several_cycles():
