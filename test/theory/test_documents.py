@@ -90,13 +90,6 @@ def test_a_curve_goes_from_the_first_impact_to_the_same_one_a_period_later():
     assert [*map(orbit_curve, others)] == [None] * len(others)
 
 
-def test_motions_are_listed_viable_and_stable_ones_first():
-    *_, (prediction, _) = answers(Rig(HORIZONTAL).snapshot(), None, documented=False)
-    order = [(not o.viable, not o.stable, o.x_max) for o in prediction.orbits]
-    assert order == sorted(order)
-    assert len({kind[:2] for kind in order}) > 1
-
-
 def test_drawn_motion_of_a_force_that_repeats_after_several_cycles():
     """Zeros of its first harmonic differ: phases count from one that all harmonics agree with."""
     force = {'force_frequencies': (1.02, 1.7), 'force_phases': (0.1, 0.2)}

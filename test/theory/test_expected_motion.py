@@ -76,6 +76,10 @@ def test_of_coexisting_motions_the_measured_one_is_predicted():
     *_, last = predictions(Rig(THREE))
     assert last.expected.stops == (1, 1, 2)
     assert {o.stops for o in last.orbits if o.stable} == {(1, 1, 2), (1, 2, 2)}
+    # Viable ones first, of those the stable ones
+    order = [(not o.viable, not o.stable, o.x_max) for o in last.orbits]
+    assert order == sorted(order)
+    assert {kind[:2] for kind in order} >= {(False, False), (False, True)}
 
 
 @pytest.mark.parametrize(
