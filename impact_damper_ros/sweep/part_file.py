@@ -3,7 +3,8 @@
 The rigs of a sweep that are done, in lines appended to a file beside its table.
 
 The first line holds the inputs of the sweep. Each further line holds some rigs, as lists of number
-and columns, and the state from which the next rig of their chain starts.
+and columns, and the state from which the next rig of their chain starts. Columns that are arrays
+are their bytes, in hexadecimal.
 """
 
 from __future__ import annotations
