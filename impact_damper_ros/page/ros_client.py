@@ -110,6 +110,8 @@ class RigLink:
         if service != LAST and not self._rig.answers:
             await self._call(LAST, names=[])
         asked = self._rig.ask(service, **fields)
+        # Sent now, and not with the next tick: theory is to follow a knob.
+        self._rig.poll()
         answer, begin = asyncio.wrap_future(asked), time.monotonic()
         while self.silence < SILENT_S or time.monotonic() < begin + LEAST_S:
             # An answer that does not come in this time is not cancelled.
