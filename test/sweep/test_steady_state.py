@@ -8,8 +8,9 @@ import pytest
 from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros import EventKind, InitialConditions, Rig, RigParameters, find_orbits
+from impact_damper_ros.motion.event import EVENT_TYPE
 from impact_damper_ros.sweep import Settling
-from impact_damper_ros.sweep.steady_state import steady_state
+from impact_damper_ros.sweep.steady_state import SECTION, _sequence, rig_of_row, steady_state
 
 DISPLACED = InitialConditions(initial_primary_position=1.0)
 
@@ -64,6 +65,43 @@ def test_shares_of_chatter_and_rest_against_the_event_log():
     assert state.rest_share == pytest.approx((after - rest) / state.cycle, rel=1e-6)
     assert state.stick_share == 0.0
     assert len(impacts) == state.impacts
+
+
+@pytest.mark.parametrize(
+    ('events', 'stops'),
+    [
+        ('', ''),
+        ('i2 i1', '1,2'),
+        ('i2 i1 i1', '1,1,2'),
+        ('i1 i1 i1 r1', '1~'),
+        ('i2 i1 i1 r1 s1', '1~,2'),
+        # The period ends during a chatter, and alone on one stop too
+        ('i1 r1 i2 i1 i1', '1~,2'),
+        ('i1 r1 i1', '1~'),
+        ('i2 r2 i1 i1', '1,1,2~'),
+    ],
+)
+def test_a_chatter_to_rest_is_one_entry_of_the_sequence(events, stops):
+    kinds = {'i': EventKind.IMPACT, 'r': EventKind.REST, 's': EventKind.RELEASE}
+    rows = np.zeros(len(events.split()), EVENT_TYPE)
+    rows['kind'] = [kinds[one[0]] for one in events.split()]
+    rows['stop'] = [int(one[1]) for one in events.split()]
+    assert _sequence(rows) == stops
+
+
+@pytest.mark.parametrize(
+    ('offset', 'placed'),
+    [(3.0, 3.0), (5.0 - 1e-13, 5.0), (-5.0 + 1e-13, -5.0), (-5.0 - 1e-9, -5.0), (4.999, 4.999)],
+)
+def test_a_rig_goes_on_from_the_last_state_of_its_row(offset, placed):
+    """Round-off parts m from no stop, and puts it beyond none."""
+    rig = RigParameters(gravity=0.0, gap=10.0)
+    last = dict(zip(SECTION, (0.7, 0.2, offset, -0.1 * math.copysign(1.0, offset)), strict=True))
+    row = SimpleNamespace(**{n: [9.0, 9.0, v] for n, v in last.items()}, impact_stop=[1, 2])
+    sample = rig_of_row(row, rig).sample()
+    assert (sample.x, sample.primary_velocity) == (0.7, 0.2)
+    assert sample.z - sample.x == pytest.approx(placed, abs=1e-15)
+    assert sample.damper_velocity == pytest.approx(0.2 + last[SECTION[3]], abs=1e-15)
 
 
 def test_one_plastic_impact_is_no_chatter():
