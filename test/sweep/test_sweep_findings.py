@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from rigs import OFF_RESONANCE
+from rigs import OFF_RESONANCE, TABLE
 
 from impact_damper_ros import InitialConditions, RigParameters, find_orbits, follow
 from impact_damper_ros.sweep import (
@@ -18,7 +18,12 @@ from impact_damper_ros.sweep import (
     summary_text,
     sweep,
 )
-from impact_damper_ros.sweep.figures import basin_figure, bifurcation_figure, surface_figure
+from impact_damper_ros.sweep.figures import (
+    _fixed_text,
+    basin_figure,
+    bifurcation_figure,
+    surface_figure,
+)
 from impact_damper_ros.sweep.summary import attractors_of
 from impact_damper_ros.sweep.table import attractor_numbers
 
@@ -225,3 +230,33 @@ def test_the_best_row_of_a_sorted_table():
     table.attrs.clear()
     with pytest.raises(ValueError, match='no inputs in its attributes'):
         find_optimum(table, 'x_max')
+
+
+SHAKEN = 'M = 5 kg,  K = 19739.2 N/m,  C = 12.5664 N s/m,  m = 0.25 kg'
+BASE = 'b₀ = 1.96133 m/s² = 0.2 g,  Ω = 62.8319 rad/s = 10 Hz'
+
+
+@pytest.mark.parametrize(
+    ('rig', 'axis', 'rest'),
+    [
+        (TABLE, {'gap': [0.01, 0.02]}, f'R₁ = 0.6,  R₂ = 0.6,  θ = 0 rad,  γ = 0,  {BASE}'),
+        (
+            TABLE.replace(angle=0.1, air_force=0.5),
+            {'gap': [0.01, 0.02]},
+            f'R₁ = 0.6,  R₂ = 0.6,  θ = 0.1 rad,  γ = 0,  g = 9.81 m/s²,  p = 0.5 N,  {BASE}',
+        ),
+        (
+            TABLE.replace(friction=0.1, one_sided=True),
+            {'gap': [0.01, 0.02]},
+            f'R₁ = 0.6,  R₂ = 0.6,  θ = 0 rad,  γ = 0.1,  g = 9.81 m/s²,  {BASE},  stop 1 only',
+        ),
+        (
+            TABLE.replace(base_amplitudes=0.0, force_amplitudes=2.0),
+            {'friction': [0.0, 0.1]},
+            'd = 0.018 m,  R₁ = 0.6,  R₂ = 0.6,  θ = 0 rad,  g = 9.81 m/s²,  F = 2 N',
+        ),
+    ],
+)
+def test_a_figure_states_what_is_not_varied_and_acts(rig, axis, rest):
+    """The weight only where m is pressed to M or slides, or may be among the rigs."""
+    assert _fixed_text(Grid(rig, **axis)).startswith(f'{SHAKEN},  {rest}')
