@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .candidates import Candidate
+from .candidates import MOST_Z, Candidate
 from .estimate import Estimate
 from .first_course import LEAST_IMPACTS
 from .parameter_estimates import Correlations
@@ -20,15 +20,14 @@ from .revision import Revised
 
 #: Largest root of chi squared, by the noise that fourth differences show.
 MOST_CHI = 1.1
-#: Least number and part of the flights that no verdict rejects.
-LEAST_FLIGHTS, LEAST_USED = 10, 0.7
+#: Least number of flights that no verdict rejects, their least part of those that are not unclear,
+#: and of all.
+LEAST_FLIGHTS, LEAST_USED, LEAST_OF_ALL = 10, 0.7, 0.5
 #: What else may be the cause where a fit leads nowhere.
 WRONG_RIG = (
     'check that the damper was in the rig, and that masses, angle and force are right '
     '(--also force_delay finds the phase of the force)'
 )
-#: A further parameter beyond this many standard deviations is one that the model lacks.
-MOST_Z = 4.0
 #: Correlations beyond this are reported.
 CORRELATED = 0.9
 #: A standard deviation beyond this part of the value is poor.
@@ -70,7 +69,7 @@ def judge_fit(
                 else f'record more impacts ({LEAST_IMPACTS} are the least that is tried)'
             )
         )
-    elif used < LEAST_USED * flights:
+    elif used < max(LEAST_USED * (flights - revised.unclear), LEAST_OF_ALL * flights):
         reasons.append(
             f'only {used} of {flights} flights obey one set of parameters'
             f'{_where(revised)}: impacts closer than the samples, or two rigs in one record; '

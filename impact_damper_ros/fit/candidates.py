@@ -12,7 +12,8 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from itertools import product
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from .gauss_newton import FitSolution, System
 from .partition import Record, fit_vibration, free_vibrations
 from .shooting import Shooting
 from .unknowns import CONSTANTS, Fall, later, scaled_constant
-from .vibration import Array, Vibration
+from .vibration import Array, Phasors, Vibration
 
 _STEP = 1e-6
 #: What the motion may be too small or too large by in another unit, and the sentence that says so.
@@ -66,6 +67,15 @@ _SAVED, _CLEARLY, _AS_GOOD = 0.15, 0.5, 0.95
 #: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
 _SECOND_MODE = 'second mode'
 _MODE_RATIOS, _MODE_DAMPING = np.geomspace(1.15, 6.0, 42), 0.02
+#: Chance that a constant of a file is wrong, unless its uncertainty is given, and then by which
+#: part: so many are, as masses include what was forgotten, and forces what was not calibrated.
+_DOUBT, _WRONG_BY = 0.2, 0.1
+_NO_INFORMATION = 1e-300
+#: A further parameter beyond this many standard deviations is one that the model lacks; one at so
+#: many is as likely as none.
+MOST_Z, _EVEN = 4.0, 3.5
+#: Cases that are less likely than this are outside intervals of 95 %.
+_OUTSIDE = 0.05
 
 
 class Candidate(NamedTuple):
@@ -105,6 +115,7 @@ class ParameterColumn(NamedTuple):
     residual: Array
     condition: Array
     uncertainty: float = 0.0
+    doubt: float = 0.0
 
 
 class Evidence(NamedTuple):
@@ -150,61 +161,159 @@ class Evidence(NamedTuple):
         """Return which constants are known with an uncertainty only."""
         return [k for k, one in enumerate(self.columns) if one.uncertainty > 0.0]
 
-    def step(self, free: list[int], since: Array, but: int = -1) -> tuple[Array, Array]:
+    def step(
+        self, free: list[int], since: Array, but: int = -1, *, doubts: bool = True
+    ) -> tuple[Array, Array]:
         """
         Return the step and covariance of some parameters, given what is known of them before.
 
         `since` is by how much each was changed before; of column `but` nothing is known before.
+        Each constant has the value of the file with its uncertainty, or, with `doubts`, it is
+        wrong: these cases count by how likely they make the record.
         """
-        known = np.array([self.columns[k].uncertainty if k != but else 0.0 for k in free])
-        before = np.where(known > 0.0, 1.0 / np.where(known > 0.0, known, 1.0) ** 2, 0.0)
-        information = self.information[np.ix_(free, free)] + np.diag(before)
-        covariance = np.linalg.pinv(information, hermitian=True)
-        step = -covariance @ (self.gradient[free] + before * since[free])
-        return step, covariance
+        information, gradient = self.information[np.ix_(free, free)], self.gradient[free]
+        cases = []
+        for k in free:
+            one = self.columns[k]
+            known = k != but and 0.0 < one.uncertainty < math.inf
+            cases.append(
+                [(one.uncertainty if known else math.inf, 1.0 - one.doubt * known * doubts)]
+            )
+            if known and doubts and one.doubt:
+                cases[-1].append((_WRONG_BY, one.doubt))
+        likely, steps, covariances = [], [], []
+        for case in product(*cases):
+            deviations, chances = np.array(case).T
+            before = deviations**-2.0
+            together = information + np.diag(before)
+            covariance = np.linalg.pinv(together, hermitian=True)
+            pull = gradient + before * since[free]
+            steps.append(-covariance @ pull)
+            covariances.append(covariance)
+            squares = before @ since[free] ** 2 - pull @ covariance @ pull
+            volume = -np.log(np.maximum(np.linalg.eigvalsh(together), _NO_INFORMATION)).sum()
+            spread = np.log(deviations[before > 0.0]).sum()
+            likely.append(np.log(chances).sum() - spread + 0.5 * (volume - squares))
+        part = np.exp(np.array(likely) - max(likely))
+        part /= part.sum()
+        step = np.asarray(part @ np.array(steps))
+        apart = np.array(steps) - step
+        between = (part[:, None] * apart).T @ apart
+        return step, np.tensordot(part, np.array(covariances), 1) + between
 
     def candidates(self, moved: Mapping[str, float]) -> list[Candidate]:
-        """Return what one step gives for each further parameter, the most significant first."""
+        """
+        Return what one step gives for each further parameter, the most significant first.
+
+        One fault is tried at a time: but for it the file is right, to its uncertainty.
+        """
         since = np.array([moved.get(one.name, 0.0) for one in self.columns])
-        uncertain, found = self.uncertain(), []
+        found = []
         for k, column in enumerate(self.columns):
             if not self.information[k, k] > 0.0:
                 continue
-            free = [*(i for i in uncertain if i != k), k]
-            step, covariance = self.step(free, since, but=k)
+            step, covariance = self.step(self._with(k), since, but=k, doubts=False)
             value, own = float(since[k] + step[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
-            deviation = float(np.hypot(own, column.uncertainty))
+            deviation = math.hypot(own, column.uncertainty)
             found.append(Candidate(column.name, value, deviation, column.unit, column.meaning))
         found.sort(key=lambda one: -abs(one.z))
         modes = [one for one in found if one.name.startswith(_SECOND_MODE)]
-        return [one for one in found if one not in modes[1:]]
+        # A part of the mobility is positive
+        less = [one for one in modes if one.value < 0.0]
+        best = [one for one in modes if one not in less]
+        return [one for one in found if one not in less and one not in best[1:]]
+
+    def _with(self, k: int) -> list[int]:
+        """Return the uncertain constants and last of all another column."""
+        return [*(i for i in self.uncertain() if i != k), k]
+
+    def joint(self, free: list[int], own: Array, covariance: Array) -> Array:
+        """Return the covariance of the shared unknowns and of some columns."""
+        shared = self.changes[: len(own), free]
+        across = shared @ covariance
+        return np.block([[own + across @ shared.T, across], [across.T, covariance]])
+
+    def doubted(self, own: Array, moved: Mapping[str, float]) -> Array:
+        """
+        Return the covariance of the shared unknowns and of the uncertain constants.
+
+        Each of the candidates may be right, by how likely it makes the record: the estimates would
+        be others then.
+        """
+        since = np.array([moved.get(one.name, 0.0) for one in self.columns])
+        free, names = self.uncertain(), [one.name for one in self.columns]
+        step, covariance = self.step(free, since)
+        total = 1.0
+        mean = self.joint(free, own, covariance)
+        for check in self.candidates(moved):
+            k = names.index(check.name)
+            odds = math.exp(0.5 * (min(abs(check.z), MOST_Z) ** 2 - _EVEN**2))
+            if k in free or odds < _OUTSIDE:
+                continue
+            other, wider = self.step(self._with(k), since, but=k)
+            shift = np.append(other[:-1] - step, other[-1])
+            change = np.concatenate([self.changes[: len(own), [*free, k]] @ shift, shift[:-1]])
+            inside = self.joint([*free, k], own, wider)[:-1, :-1]
+            mean = mean + odds * (inside + np.outer(change, change))
+            total += odds
+        return mean / total
 
 
 def _second_modes(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterColumn]:
-    """Yield displacements by which modes of other frequencies answer the impacts."""
-    record, impacts = shooting.record, shooting.course.time
-    jumps, order = shooting.jumps(solution.unknowns), shooting.record.order
-    last = np.searchsorted(impacts, record.time, side='right') - 1
-    since = record.time - impacts[np.maximum(last, 0)]
-    weight = np.where(shooting.motion(solution.unknowns)[1] & (last >= 0), shooting.weight, 0.0)
-    nothing = np.zeros(len(solution.equations.condition))
+    """
+    Yield modes of other frequencies, by the part of the mobility of M that is theirs.
+
+    They answer impacts and force as M does, sensor and stops move with them, and the mass of the
+    first mode is larger.
+    """
+    u, record, order = solution.unknowns, shooting.record, shooting.record.order
+    shared, states = shooting.parts(u)
+    impacts, ends, nodes = states[shooting.impacts, 0], shooting.ends, states[:, 0]
+    jumps, drive = shooting.jumps(u), shooting.vibration(shared)
+    weight = np.where(shooting.motion(u)[1], shooting.weight, 0.0)
+    heavier = scaled_constant(shooting.unknowns.rig, 'primary_mass', _STEP)
+    assert heavier is not None
+    by_mass = _derivatives(shooting, solution, heavier, _STEP)
+    hit, n = shooting.kind[ends] != 0, len(record.time)
     for ratio in _MODE_RATIOS.tolist():
         root = complex(-_MODE_DAMPING, 1.0) * ratio * shooting.rate
+        mode = drive._replace(decay=-root.real, damped=root.imag, stiffness=abs(root) ** 2)
         turned = np.exp(root * np.diff(impacts))
-        amplitude = np.zeros(len(impacts), complex)
-        for k, jump in enumerate(jumps.tolist()):
-            amplitude[k] = (amplitude[k - 1] * turned[k - 1] if k else 0.0) + jump / root.imag
-        motion = (amplitude[last] * root**order * np.exp(root * since)).imag * weight
-        residual = np.zeros(len(solution.equations.residual))
-        residual[: len(motion)] = motion
+        after = jumps / root.imag + 0j
+        for k in range(1, len(impacts)):
+            after[k] += after[k - 1] * turned[k - 1]
+        residual, condition = by_mass[0].copy(), by_mass[1].copy()
+        residual[:n] += _answer(mode, impacts, after, record.time, order) * weight
+        place = _answer(mode, impacts, after, nodes, 0)
+        speed = _answer(mode, impacts, after, nodes, 1, 'left')
+        rows = np.zeros((len(ends), 5))
+        rows[hit, 1] = rows[hit, 2] = -speed[ends][hit]
+        rows[:, 3] = place[ends - 1] - place[ends]
+        rows[~hit, 4] = -speed[ends][~hit]
+        condition[: rows.size] += shooting.in_units(rows).ravel()
         frequency = ratio * shooting.rate / math.tau
         yield ParameterColumn(
             f'{_SECOND_MODE} at {frequency:.3g} Hz',
             '',
             'M has a second mode: fix the sensor to M, or stiffen what swings on it',
             residual,
-            nothing,
+            condition,
         )
+
+
+def _answer(
+    mode: Vibration,
+    impacts: Array,
+    after: Phasors,
+    times: Array,
+    derivative: int,
+    side: Literal['left', 'right'] = 'right',
+) -> Array:
+    """Return a derivative of the answer of a mode to force and impacts, after these or before."""
+    last = np.searchsorted(impacts, times, side=side) - 1
+    free = np.where(last >= 0, after[last], 0.0) * mode.root**derivative
+    turned = np.exp(mode.root * (times - impacts[last]))
+    return np.asarray((free * turned).imag) + mode.steady(times, derivative)
 
 
 def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterColumn]:
@@ -295,7 +404,7 @@ def shared_with_fall(shooting: Shooting, u: Array, slope: float) -> Array:
     fall = -slope * speed / float(bounces.mean())
     slowness = fall / max(exponent - fall, _STEEP * exponent) / speed
     part, _ = bounce(Fall(slowness, exponent), 1.0, speed)
-    shared[columns] = 1.0 / (unknowns.share * (1.0 + np.minimum(bounces / part, 1.0)))
+    shared[columns] = unknowns.alpha(np.minimum(bounces / part, 1.0))
     return np.append(shared, slowness)
 
 
@@ -307,7 +416,9 @@ def constant_columns(shooting: Shooting, solution: FitSolution) -> list[Paramete
         if other is not None:
             uncertainty = unknowns.uncertain.get(name, constant.uncertainty)
             varied = _derivatives(shooting, solution, other, _STEP)
-            found.append(ParameterColumn(name, '', constant.meaning, *varied, uncertainty))
+            # Who gives an uncertainty vouches for it
+            doubt = 0.0 if name in unknowns.uncertain else _DOUBT
+            found.append(ParameterColumn(name, '', constant.meaning, *varied, uncertainty, doubt))
     return found
 
 

@@ -51,6 +51,5 @@ def regress(
         left = matrix @ found - wanted
         spread = 1.4826 * np.median(np.abs(left)) + 1e-12 * rate
         weight = 1.0 / (1.0 + (left / (2.0 * spread)) ** 2)
-    least = 1.0 / (2.0 * unknowns.share)
-    alpha = np.clip(found[:size], least, None)
+    alpha = np.clip(found[:size], unknowns.alpha(1.0), None)
     return np.resize(alpha, 2), max(float(found[-2]), 0.0), abs(float(found[-1]))

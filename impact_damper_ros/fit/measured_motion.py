@@ -255,7 +255,9 @@ def _motion_of(sheet: Sheet, taken: set[int]) -> Choice:
             try:
                 found = choose(sheet, key, wanted, needed=False, without=taken, strict=False)
             except ColumnError as error:
-                raise ColumnError(key, f'{error}; or name that of M with --column') from None
+                raise ColumnError(
+                    key, f'{error}; --column gives that of M, by name or number'
+                ) from None
             if found is not None:
                 return found
     try:

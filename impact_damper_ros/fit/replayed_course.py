@@ -36,6 +36,8 @@ _LEAST_GRIP = 1e-9
 _OFTEN = 2
 #: Residuals of the data in a flight that changes the course, in standard deviations.
 _MISFIT = 3.0
+#: Why a flight is left out that the engine makes as measured, but the equations do not have.
+STICKS = 'm sticks or rests in it'
 #: Least time between two nodes, s.
 _LEAST_SPAN = 2e-6
 
@@ -275,8 +277,8 @@ def _row_of(begin: float, event: Event) -> list[float]:
 def _why(found: Passage, gain: float) -> str:
     if gain:
         return f'its laws cost {gain:.0f} in the sum of squares'
-    if found.sticks:
-        return 'm sticks or rests in it'
+    if found.sticks and found.ahead:
+        return STICKS
     if found.missed > 0:
         return f'the engine has {found.missed} more impacts in it'
     return 'the engine does not arrive as measured'

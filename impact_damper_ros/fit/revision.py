@@ -19,7 +19,7 @@ from .contradictions import MOST_GAIN, gains_of, to_release, without_contradicti
 from .course import Course, Flags
 from .gauss_newton import FitSolution, solve
 from .relaxation import Problem
-from .replayed_course import Memory, ReplayedCourse
+from .replayed_course import STICKS, Memory, ReplayedCourse
 from .shooting import Shooting
 from .vibration import Array
 
@@ -37,6 +37,8 @@ _MOST_REPEATS = 3
 _SAMPLES, _PART = 1.2, 0.025
 #: An impact slower than this part of the median one may be none.
 _GRAZING = 0.02
+#: Why a flight is left out whose reversal may be none.
+FLAT = 'm hardly reverses in it'
 #: Times of one impact are this close between rounds, in natural periods.
 _SAME = 0.05
 
@@ -71,6 +73,12 @@ class Revised(NamedTuple):
         return chi_of(self.shooting, self.solution)
 
     @property
+    def unclear(self) -> int:
+        """Number of flights that are left out though the engine makes them as measured."""
+        whys = (self.why_cut.get(int(k)) for k in np.flatnonzero(self.course.begins))
+        return sum(why in (STICKS, FLAT) for why in whys)
+
+    @property
     def grazes(self) -> Flags:
         """Impacts that may be none: hardly faster than M, and with no measured time."""
         course, shooting, u = self.course, self.shooting, self.solution.unknowns
@@ -102,7 +110,7 @@ class Revised(NamedTuple):
             if not turn.confirms(k):
                 found[k] = 'the engine does not arrive as measured'
             elif course.held[k].any():
-                found[k] = 'm hardly reverses in it'
+                found[k] = FLAT
             elif grazes[k] or grazes[k + 1]:
                 found[k] = 'm hardly touches a stop'
             elif free and (timed or len(course.reversals[k])):

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
-from .acceptance import LEAST_USED, MOST_CHI, MOST_Z, WRONG_RIG, judge_fit
+from .acceptance import LEAST_USED, MOST_CHI, WRONG_RIG, judge_fit
 from .candidates import OVER_SPEED, Candidate, Evidence, misreading, shared_with_fall, wrong_file
 from .course import Course
 from .estimate import Estimate
@@ -36,7 +36,7 @@ from .partition import Record, noise_between, noise_of
 from .record_check import faults_of
 from .relaxation import relax
 from .revision import Revised, revise
-from .shooting import Equations, Shooting
+from .shooting import Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
 
@@ -50,9 +50,9 @@ FURTHER = (
 _MOST_CONSTANTS, _SMALL, _MOVED = 6, 0.05, 0.01
 #: ... unless nearly all flights count.
 _ENOUGH = 0.95
-#: A constant that the record contradicts by so many standard deviations is fitted, and a fall of
-#: restitution beyond this many.
-_DOUBT, _FALL = 2.0, 3.0
+#: A fall of restitution beyond so many standard deviations is fitted; first courses are alike with
+#: as many impacts and stiffnesses that differ by less than this part.
+_FALL, _SAME_STIFFNESS = 3.0, 1e-3
 #: Samples closer to an impact than this (s), or this many samples, are not used of a velocity or
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
@@ -304,9 +304,18 @@ def _fit(
     least = _LEAST_NOISE * float(np.std(record.motion[measured.used]))
     noise = max(noise_of(record.motion[measured.used]), least)
 
-    def attempt(*, scan: bool) -> RigFit:
+    starts: list[Course] = []
+
+    def attempt(*, scan: bool) -> RigFit | None:
+        """Return the fit from a first course; None from one that was tried before."""
         try:
-            return _fitted_record(measured, record, unknowns, times, noise, least, scan=scan)
+            course = first_course(
+                record, unknowns, noise, times, measured.impact_deviation, scan=scan
+            )
+            if starts and _same_start(starts[0], course):
+                return None
+            starts.append(course)
+            return _fitted_record(measured, record, unknowns, times, noise, least, course)
         except UnfitRecordError as error:
             return _refusal(measured, [str(error)])
         except ParameterError as error:
@@ -322,6 +331,7 @@ def _fit(
     if cause := misreading(level, start, noise):
         return _refusal(measured, [cause])
     found = attempt(scan=False)
+    assert found is not None
     if found.accepted or _explains_record(found):
         return found
     if 'force_delay' not in extras and (cause := wrong_file(level, start, noise)):
@@ -329,7 +339,13 @@ def _fit(
     if 'force_delay' in extras:
         return found
     again = attempt(scan=True)
-    return again if again.accepted or _explains_record(again) else found
+    return again if again and (again.accepted or _explains_record(again)) else found
+
+
+def _same_start(one: Course, other: Course) -> bool:
+    """Return whether two first courses lead to the same fit."""
+    apart = abs(one.shared[0] / other.shared[0] - 1.0)
+    return len(one) == len(other) and bool(apart < _SAME_STIFFNESS)
 
 
 def _explains_record(found: RigFit) -> bool:
@@ -345,10 +361,9 @@ def _fitted_record(
     times: Array,
     noise: float,
     least: float,
-    *,
-    scan: bool = False,
+    course: Course,
 ) -> RigFit:
-    """Fit a rig to samples that can be fitted; noise is at least as large as given."""
+    """Fit a rig to a record from a first course; noise is at least as large as given."""
     rough = noise
     step = float(np.median(np.diff(record.time)))
     masked = max(_CONTACT, _AROUND * step) if record.order else 0.0
@@ -356,7 +371,6 @@ def _fitted_record(
     def problem(course: Course) -> Shooting:
         return Shooting(record, noise, unknowns, course, times, measured.impact_deviation, masked)
 
-    course = first_course(record, unknowns, noise, times, measured.impact_deviation, scan=scan)
     course = relax(course, problem, timed=len(times) > 0)
     noise = max(_noise(problem(course), rough), least)
     found = revise(course, problem).without_rejected(problem)
@@ -385,14 +399,6 @@ def _fitted_record(
                     'restitution_speed is fitted: that R falls with the speed of impact is '
                     f'{abs(fall.z):.0f} standard deviations from 0'
                 ]
-            elif doubt := _doubtful_constant(checks, unknowns):
-                # It is what the record says alone
-                uncertain = {**unknowns.uncertain, doubt.name: math.inf}
-                unknowns = unknowns._replace(uncertain=uncertain)
-                difference = f'{abs(doubt.z):.1f} standard deviations'
-                remarks = [
-                    f'{doubt.name} is fitted: the record and the file differ by {difference}'
-                ]
             elif not few or max(map(abs, moved.values()), default=0.0) < _MOVED:
                 break
             # Flights were left out by constants that are others now
@@ -420,9 +426,10 @@ def _fitted_record(
         found = found.solve(problem, course).without_rejected(problem)
         known = Knowledge.of(found, scale, moved)
         remarks = ['restitution does not fall with the speed of impact in this record']
-    # What is fitted is no reason against the model
-    checks = Evidence.of(found.shooting, found.solution, scale).candidates(moved)
-    checks = [check for check in checks if check.name not in unknowns.uncertain]
+    evidence = Evidence.of(found.shooting, found.solution, scale)
+    own = _own_covariance(found.shooting, found.solution, scale)
+    known = known._replace(covariance=evidence.doubted(own, moved))
+    checks = evidence.candidates(moved)
     shown = max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     result = _result(measured, found, found.chi * noise / shown, checks, known)
     return result._replace(remarks=[*remarks, *result.remarks])
@@ -430,18 +437,9 @@ def _fitted_record(
 
 def _fall(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
     """Return the check that R falls with the speed, if it explains the record best."""
-    first = next((check for check in checks if check.name not in unknowns.uncertain), None)
+    first = checks[0] if checks else None
     falls = first is not None and first.name == OVER_SPEED and first.z < -_FALL
     return first if falls and unknowns.rig.restitution_exponent > 0.0 else None
-
-
-def _doubtful_constant(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
-    """Return the constant that explains the record better than anything else, within reason."""
-    open_checks = [check for check in checks if check.name not in unknowns.uncertain]
-    if not open_checks:
-        return None
-    first = open_checks[0]
-    return first if first.name in CONSTANTS and _DOUBT < abs(first.z) <= MOST_Z else None
 
 
 def _noise(shooting: Shooting, otherwise: float) -> float:
@@ -505,38 +503,30 @@ class Knowledge(NamedTuple):
     def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> Knowledge:
         """Return it for constants that were changed by parts since the file."""
         shooting, solution = found.shooting, found.solution
-        count = shooting.count
-        own = System(_free(shooting, solution), 1e-11).covariance(np.arange(count)) * scale**2
+        own = _own_covariance(shooting, solution, scale)
         evidence = Evidence.of(shooting, solution, scale, laws=False)
         free = evidence.uncertain()
         rig, names = shooting.unknowns.rig, [evidence.columns[k].name for k in free]
         since = np.array([moved.get(one.name, 0.0) for one in evidence.columns])
         step, covariance = evidence.step(free, since)
-        changes = evidence.changes[:, free]
-        shared = changes[:count]
-        joint = np.block(
-            [
-                [own + shared @ covariance @ shared.T, shared @ covariance],
-                [covariance @ shared.T, covariance],
-            ]
-        )
         for name, part in zip(names, step.tolist(), strict=True):
             rig = scaled_constant(rig, name, part) or rig
         return cls(
             names,
-            joint,
+            evidence.joint(free, own, covariance),
             dict(zip(names, step.tolist(), strict=True)),
             bool((np.abs(step) > _SMALL * np.sqrt(np.diag(covariance))).any()),
             rig,
-            solution.unknowns + changes @ step,
+            solution.unknowns + evidence.changes[:, free] @ step,
         )
 
 
-def _free(shooting: Shooting, solution: FitSolution) -> Equations:
-    """Return the equations of a solution in which friction is not held at zero."""
+def _own_covariance(shooting: Shooting, solution: FitSolution, scale: float) -> Array:
+    """Return the covariance of the shared unknowns where friction is not held at zero."""
     free = copy.copy(shooting)
     free.frictionless = False
-    return free.equations(solution.unknowns) if shooting.frictionless else solution.equations
+    own = free.equations(solution.unknowns) if shooting.frictionless else solution.equations
+    return System(own, 1e-11).covariance(np.arange(shooting.count)) * scale**2
 
 
 def _scale(measured: MeasuredMotion, found: Revised) -> float:

@@ -272,6 +272,12 @@ class Shooting(NodeMotion):
         table[~impact & self._held, _LAST] = 1e-3 / self.rate
         return table
 
+    def in_units(self, rows: Array) -> Array:
+        """Return conditions of flights in their units; those that demand nothing are zero."""
+        scaled = rows / self._units
+        scaled.ravel()[self._void_rows] = 0.0
+        return scaled
+
     def _conditions(self, u: Array) -> Array:
         shared, states = self.parts(u)
         ends = self.ends
@@ -293,11 +299,9 @@ class Shooting(NodeMotion):
             after[:, Y] - 0.5 * gap * self.kind[ends],
             np.where(self._held, after[:, T] - self.held_at[ends], w - v),
         )
-        values /= self._units
         firsts = states[self.firsts, Y] - 0.5 * gap * self.kind[self.firsts]
         held = states[self.holds[:, 0], self.holds[:, 1]] - self._hold_values
-        rows = values.ravel()
-        rows[self._void_rows] = 0.0
+        rows = self.in_units(values).ravel()
         return np.concatenate([rows, firsts / self.length, held / self._hold_units])
 
     def _alphas(self, shared: Array, approach: Array) -> tuple[Array, Array, Array, Array]:

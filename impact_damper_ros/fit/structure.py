@@ -37,6 +37,7 @@ from impact_damper_ros.parameters.parameter_spec import check_kind
 
 from .estimate import Estimate
 from .measured_motion import MeasuredMotion
+from .partition import noise_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -62,8 +63,10 @@ _MOST_CHI_SQUARED, _CHANCE = 1.2, 7.0
 #: How far the gain of the base may be from 1: sensors of vibration are known to some 10 %.
 _GAIN = 0.2
 #: Terms of a series; bounds of the logarithm of the noise of the drive at resonance, over that of
-#: the motion, by how much it must raise twice the logarithm of the likelihood, and rounds of it.
+#: the motion, by how much it must raise twice the logarithm of the likelihood, and rounds of it;
+#: and by how much noise that the drive shows may lower that, by chance in one of 2000 records.
 _TERMS, _SHARES, _CLEAR_NOISE, _NOISE_ROUNDS = 6, (-4.0, 7.0), 2.0, 2
+_CONTRADICTED = float(chdtri(1, 5e-4))
 
 
 class Part(NamedTuple):
@@ -335,6 +338,11 @@ class _Driven:
         inner = np.real(np.poly(roots[np.argsort(np.abs(roots))[:2]]))
         return below, inner, float(spectrum[2] / (inner @ inner))
 
+    @property
+    def rough(self) -> float:
+        """The noise of the drive, unless it is rough itself."""
+        return noise_of(self._drive)
+
     def noise(self, place: Array, share: float) -> float:
         """Return the deviation of the noise of the motion over that of what is white."""
         return 1.0 / math.sqrt(self._factors(place, share)[2])
@@ -343,11 +351,21 @@ class _Driven:
 def _solved_with_noise(
     basis: _Driven, data: MeasuredMotion, plain: _Solution
 ) -> tuple[_Solution, float]:
-    """Return a solution with the noise of the drive, and the share of that at resonance."""
+    """
+    Return a solution with the noise of the drive, and the share of that at resonance.
+
+    The noise is the roughness of the drive, unless the residuals contradict: then the drive itself
+    is rough, and its noise is what the residuals show.
+    """
     solution, share = plain, 0.0
     for _ in range(_NOISE_ROUNDS):
         motion = np.where(data.used, data.motion, solution.fitted)
         left, place = motion - solution.fitted, solution.place
+        least, most = _SHARES
+        rough = basis.rough * basis.peak(place) * abs(float(solution.linear[0]))
+        shown = math.log(
+            max(rough / (solution.deviation * basis.noise(place, share)), math.exp(least))
+        )
         best = minimize_scalar(
             basis.size,
             bounds=_SHARES,
@@ -355,9 +373,12 @@ def _solved_with_noise(
             method='bounded',
             options={'xatol': 1e-2},
         )
-        if len(left) * (math.log(left @ left) - best.fun) < _CLEAR_NOISE:
+        plausible = shown < most and (
+            len(left) * (basis.size(shown, place, left) - best.fun) < _CONTRADICTED
+        )
+        if not plausible and len(left) * (math.log(left @ left) - best.fun) < _CLEAR_NOISE:
             break
-        share = math.exp(best.x)
+        share = math.exp(shown if plausible else best.x)
         solution = _solve(basis, motion, data.used, place, basis.filter(share))
     return solution, share
 

@@ -153,6 +153,10 @@ class Unknowns(NamedTuple):
         """Return the coefficient of restitution of an alpha, or of many."""
         return 1.0 / (self.share * alpha) - 1.0
 
+    def alpha(self, restitution: Any) -> Any:
+        """Return the alpha of a coefficient of restitution, or of many."""
+        return 1.0 / (self.share * (1.0 + restitution))
+
     def alpha_at(
         self, shared: Array, alpha: Array, speed: Array
     ) -> tuple[Array, Array, Array, Array]:
@@ -162,9 +166,9 @@ class Unknowns(NamedTuple):
             return alpha, nothing + 1.0, nothing, nothing
         slowness = self.value(shared, 'slowness')
         slowness = slowness if abs(slowness) > _NO_SLOWNESS else _NO_SLOWNESS
-        at_rest = 1.0 / (self.share * alpha) - 1.0
+        at_rest = self.restitution(alpha)
         part, slope = bounce(Fall(slowness, self.rig.restitution_exponent), 1.0, speed)
-        there = 1.0 / (self.share * (1.0 + at_rest * part))
+        there = self.alpha(at_rest * part)
         # v dR/dv, which is s dR/ds
         by_fall = -self.share * there**2 * at_rest * (slope - part)
         return there, part * (there / alpha) ** 2, by_fall / speed, by_fall / slowness

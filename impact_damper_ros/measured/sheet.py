@@ -239,9 +239,15 @@ def choose(
     if len(best) == 1:
         return best[0]
     if best:
-        both = ' and '.join(quote(sheet.headings[c.place].title) for c in best[:3])
+        titles = {c.place + 1: sheet.headings[c.place].title for c in best[:3]}
+        alike = len(set(titles.values())) < len(titles)
+        both = ' and '.join(
+            quote(title) + (f' (column {number})' if alike else '')
+            for number, title in titles.items()
+        )
+        remedy = 'give the number of one' if alike else 'name one'
         raise ColumnError(
-            key, f'{sheet.source}: {both} may each be the {key}: name one, or rename the others'
+            key, f'{sheet.source}: {both} may each be the {key}: {remedy}, or rename the others'
         )
     others = [
         n

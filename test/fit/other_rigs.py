@@ -15,6 +15,8 @@ from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from .random_rigs import DEVIATION, LONGEST
 
 _STEP = 1e-4
+#: Slower impacts, in the usual speed, are those of m that rests at a stop, one in each step.
+_REST = 0.02
 _QUANTITIES = ('displacement', 'velocity', 'acceleration')
 
 
@@ -86,7 +88,7 @@ def _run(c, gap, growth, restitution, fall, fast, s, every, samples, most):
             impulse = M * m / (M + m) * (1.0 + R) * approach
             at[1] += impulse / M
             at[3] -= impulse / m
-            if count < len(hits):
+            if count < len(hits) and abs(approach) > _REST * fast:
                 hits[count] = t + part * h
                 count += 1
             back = 1.0 if at[3] > at[1] else -1.0

@@ -131,7 +131,7 @@ def true_course(unknowns: Unknowns, measurement: Measurement) -> tuple[Record, C
     hits = events[events['kind'] == EventKind.IMPACT]
     turns = events['time'][events['kind'] == EventKind.REVERSAL]
     sticks = events['time'][np.isin(events['kind'], (EventKind.STICK, EventKind.REST))]
-    alphas = 1.0 / (unknowns.share * (1.0 + np.array([rig.restitution_1, rig.restitution_2])))
+    alphas = unknowns.alpha(np.array([rig.restitution_1, rig.restitution_2]))
     grip = rig.friction * unknowns.normal
     shared = unknowns.start(rig.stiffness, rig.damping, alphas, grip, rig.gap)
     if (column := unknowns.column('slowness')) >= 0:

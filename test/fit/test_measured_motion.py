@@ -158,7 +158,7 @@ def test_times_with_few_digits_are_at_equal_intervals(written):
 
 def test_a_column_that_is_not_found_is_named_by_an_option(written):
     for head in ('t [s],laser [mm],probe [mm]', 't [s],x1 [mm],x2 [mm]'):
-        with pytest.raises(TableError, match='or name that of M with --column'):
+        with pytest.raises(TableError, match='--column gives that of M'):
             read_table_motion(written(columns(head, TIME, MOTION, MOTION)))
 
 

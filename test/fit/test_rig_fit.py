@@ -10,6 +10,7 @@ from impact_damper_ros import Rig
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.rig_fit import FitOptionError, fit_rig
 
+from .other_rigs import measure_other
 from .random_rigs import errors, guess_of, measure, random_rig, true_values
 
 
@@ -190,3 +191,26 @@ def test_inclined_and_vertical_rigs_and_a_base_that_moves(changes):
     for name, estimate in fit.parameters.items():
         true = np.ravel(getattr(rig, name))[0]
         assert abs(estimate.value - true) < 4.0 * estimate.standard_deviation, name
+
+
+@pytest.mark.parametrize(
+    ('seed', 'changes', 'beside'),
+    [
+        (1710679200, {'force_amplitudes': 1.1}, {}),
+        (362611937, {'force_amplitudes': 1.1}, {}),
+        (362611937, {'damper_mass': 0.9}, {}),
+        (362611937, {}, {'second_mode': 0.02}),
+    ],
+)
+def test_what_the_file_has_wrong_is_named_or_in_the_intervals(seed, changes, beside):
+    """These records distinguish it by three to five standard deviations only."""
+    rng = np.random.default_rng(seed)
+    rig = random_rig(rng)
+    start = guess_of(rig, rng)
+    record = measure_other(rig, rng, noise=0.01, **beside)
+    wrong = {name: factor * np.ravel(getattr(rig, name))[0] for name, factor in changes.items()}
+    fit = fit_rig(record, start.replace(**wrong))
+    off = errors(fit, rig)
+    assert max(map(abs, off.values())) < 4.0, off
+    if not fit.accepted:
+        assert any(name in fit.reasons[0] for name in (*changes, 'second mode')), fit.reasons

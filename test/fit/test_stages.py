@@ -7,7 +7,7 @@ import pytest
 
 from impact_damper_ros import RigParameters
 from impact_damper_ros.fit.acceptance import judge_fit
-from impact_damper_ros.fit.candidates import Candidate, Evidence
+from impact_damper_ros.fit.candidates import Candidate, Evidence, ParameterColumn
 from impact_damper_ros.fit.contradictions import gains_of, to_release, without_contradictions
 from impact_damper_ros.fit.course import Course
 from impact_damper_ros.fit.estimate import Estimate
@@ -24,6 +24,7 @@ from impact_damper_ros.fit.partition import (
     partition,
 )
 from impact_damper_ros.fit.relaxation import _begin_parts, relax
+from impact_damper_ros.fit.replayed_course import STICKS
 from impact_damper_ros.fit.revision import Revised
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import CONSTANTS, Unknowns
@@ -228,6 +229,31 @@ def test_one_step_finds_what_a_model_lacks(name, changes, value, within):
     assert abs(checks[0].z) == max(abs(check.z) for check in checks)
 
 
+@pytest.mark.parametrize('since', [0.0, 0.02])
+@pytest.mark.parametrize('best', [0.0, -0.03, -0.05, -0.09])
+def test_a_constant_of_a_file_may_be_wrong(best, since):
+    """Mean and deviations of all that is possible, summed on a grid, wherever the step begins."""
+    none = np.zeros(0)
+    columns = [
+        ParameterColumn('force_amplitudes', '', '', none, none, 0.01, 0.2),
+        ParameterColumn('other', '', '', none, none),
+    ]
+    information = np.linalg.inv(np.array([[0.02, 0.007], [0.007, 0.01]]) ** 2)
+    middle = np.array([best, 0.004])
+    now = np.array([since, 0.0])
+    evidence = Evidence(columns, information, information @ (now - middle), np.zeros((0, 2)))
+    step, covariance = evidence.step([0, 1], now)
+    a, b = np.meshgrid(np.linspace(-0.4, 0.4, 1601), np.linspace(-0.1, 0.1, 401), indexing='ij')
+    off = np.stack([a - best, b - 0.004], axis=-1)
+    likely = np.exp(-0.5 * np.einsum('...i,ij,...j', off, information, off))
+    known = 0.8 * np.exp(-0.5 * (a / 0.01) ** 2) / 0.01 + 0.2 * np.exp(-0.5 * (a / 0.1) ** 2) / 0.1
+    weight = likely * known / (likely * known).sum()
+    mean = np.array([(weight * a).sum(), (weight * b).sum()])
+    assert now + step == pytest.approx(mean, abs=2e-5)
+    left = np.stack([a, b], axis=-1) - mean
+    assert covariance == pytest.approx(np.einsum('ij,ijk,ijl', weight, left, left), rel=1e-3)
+
+
 @pytest.mark.parametrize(('seed', 'held'), [(101, False), (105, False), (108, True)])
 def test_friction_is_not_fitted_below_zero(seed, held):
     """Where the best value is, it is zero, and the others are the best for that."""
@@ -250,7 +276,7 @@ def test_friction_is_not_fitted_below_zero(seed, held):
 
 def judgement(course, checks=(), deviations=(0.1,), **changes):
     """Return what the rule says of a course with ten parameters of some deviations."""
-    revised = Revised(course, None, None, np.zeros(len(course) - 1), {})
+    revised = Revised(course, None, None, np.zeros(len(course) - 1), changes.pop('why', {}))
     parameters = {f'p{k}': Estimate.normal(1.0, one) for k, one in enumerate(deviations)}
     correlations = {a: {b: float(a == b) for b in parameters} for a in parameters}
     correlations.update(changes.pop('correlations', {}))
@@ -275,6 +301,9 @@ CHECK = Candidate('force amplitude', 0.1, 0.02, '', 'the force is not as large a
         (93, 100, {}, []),
         (70, 100, {}, []),
         (69, 100, {}, ['only 69 of 100 flights obey']),
+        # What sticks contradicts nothing, but half of the flights must count
+        (69, 100, {'why': dict.fromkeys(range(80, 101), STICKS)}, []),
+        (49, 100, {'why': dict.fromkeys(range(50, 101), STICKS)}, ['only 49 of 100 flights obey']),
         (9, 9, {}, ['9 of 9 flights between impacts obey']),
         (93, 100, {'chi': 1.09}, []),
         (93, 100, {'chi': 1.12}, ['the residuals are 1.12 times as large']),

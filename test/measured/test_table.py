@@ -78,7 +78,11 @@ def test_other_encodings_and_units(written):
         ('t [s],x [mm]\n2026-13-26 14:00:00,1\n2026-13-26 14:00:01,2\n', "00' is no date"),
         ('t [s],x [mm]\n0,1\n1,oops\n', "line 3, column 'x [mm]': 'oops' is no number"),
         ('t [s],x [mm]\n0,1\n', '1 rows: give at least 2'),
-        ('t [s],x [mm],x 2 [mm]\n0,1,2\n1,2,3\n', 'may each be the x'),
+        ('t [s],x [mm],x 2 [mm]\n0,1,2\n1,2,3\n', "'x 2 [mm]' may each be the x: name one"),
+        (
+            't [s],x [mm],x [mm]\n0,1,2\n1,2,3\n',
+            r"x [mm]' \(column 2\) and 'x [mm]' \(column 3\) .*: give the number of one",
+        ),
         ('t [s],y [V]\n0,1\n1,2\n', 'no column for the x'),
     ],
 )
