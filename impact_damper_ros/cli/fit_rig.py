@@ -141,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help='standard deviation of a constant of the file, such as damper_mass=2%%; may be '
         'repeated [damper_mass=0.5%%, force_amplitudes=1%%, base_amplitudes=1%%, '
-        'primary_mass=0%%]',
+        'primary_mass=0%%; one that is not given may be wrong by 10%%]',
     )
     data = parser.add_argument_group('the data')
     add_path_option(

@@ -204,8 +204,9 @@ def fit_rig(
     uncertain : mapping of str to float, optional
         Relative standard deviations of constants of the rig: `damper_mass` (0.005 if not given),
         `primary_mass` (0: it is the measure of all masses and forces), `force_amplitudes` and
-        `base_amplitudes` (0.01). What the record says of them counts, too: the fitted rig has what
-        both say, and what is left goes into all intervals.
+        `base_amplitudes` (0.01). One that is not given may be wrong by 0.1, with a chance of 0.2.
+        What the record says of them counts, too: the fitted rig has what both say, and what is
+        left goes into all intervals.
 
     Returns
     -------

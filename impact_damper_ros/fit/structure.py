@@ -8,8 +8,8 @@ response to it, which is band-limited: the response is that to straight lines be
 tones are made larger by what the lines take from them. For given w and zeta both are linear in all
 else, so that the likelihood of white noise has its maximum over two unknowns only (variable
 projection [1]_); intervals are those of its curvature there. Noise of the force passes through the
-structure: where the residuals show it, they are whitened by A/C, with A C/A* C* the spectrum of
-the noise of both, A being the denominator of the response.
+structure: the residuals are whitened by A/C, with A C/A* C* the spectrum of the noise of both, A
+being the denominator of the response.
 
 Whether the structure is linear with viscous damping is seen in parts of some cycles: each has a
 damping ratio and a frequency of its own, with their deviations, at its own amplitude. A slope of
