@@ -233,7 +233,7 @@ class Evidence(NamedTuple):
         across = shared @ covariance
         return np.block([[own + across @ shared.T, across], [across.T, covariance]])
 
-    def doubted(self, own: Array, moved: Mapping[str, float]) -> Array:
+    def with_doubts(self, own: Array, moved: Mapping[str, float]) -> Array:
         """
         Return the covariance of the shared unknowns and of the uncertain constants.
 

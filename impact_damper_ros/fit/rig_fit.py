@@ -429,7 +429,7 @@ def _fitted_record(
         remarks = ['restitution does not fall with the speed of impact in this record']
     evidence = Evidence.of(found.shooting, found.solution, scale)
     own = _own_covariance(found.shooting, found.solution, scale)
-    known = known._replace(covariance=evidence.doubted(own, moved))
+    known = known._replace(covariance=evidence.with_doubts(own, moved))
     checks = evidence.candidates(moved)
     shown = max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     result = _result(measured, found, found.chi * noise / shown, checks, known)
