@@ -56,7 +56,7 @@ LEFT_OUT = {
     'Control': {'as_dict', 'restore', 'unpack'},
     'RunTables': {'room', 'wrote', 'events'},
     'PeriodicOrbit': {'as_dict', 'mirror_image', '__repr__'},
-    'Source': {'news', 'tick', 'frame', 'handle', 'close'},
+    'Source': {'news', 'tick', 'hasten', 'frame', 'handle', 'close'},
     'OwnLaw': ALL,
     'MeasuredRecord': ALL,
 }

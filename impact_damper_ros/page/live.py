@@ -59,6 +59,8 @@ _MEASURED = {
     'x_max_ratio': 'Largest X / A',
 }
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
+#: Time after a change within which its theory is looked for between ticks, s.
+_THEORY_S = 0.3
 
 
 class LiveRig(Source):
@@ -77,6 +79,7 @@ class LiveRig(Source):
         self._status_sent: tuple[str, str] = ('', '')
         self._status_at = 0.0
         self._asking: asyncio.Task[None] | None = None
+        self._set_at = -math.inf
 
     def _forget(self) -> None:
         """Discard all messages: a run begins."""
@@ -175,6 +178,17 @@ class LiveRig(Source):
         for content in messages['theory']:
             self._take_theory(content)
         self._send_status()
+
+    def hasten(self) -> bool:
+        """Send the theory of a change as soon as it comes: it follows a knob."""
+        if time.monotonic() > self._set_at + _THEORY_S:
+            return False
+        contents = self.link.poll_theory()
+        for content in contents:
+            self._take_theory(content)
+        for client in list(self.clients) if contents else ():
+            client.pump()
+        return True
 
     def _show_paused(self) -> None:
         """Show the effect of a change or a reset on a paused rig."""
@@ -386,6 +400,7 @@ class LiveRig(Source):
         try:
             if kind == 'set':
                 values = read_values(message['values'])
+                self._set_at = time.monotonic()
                 reason = await self.link.set(values)
                 return {'ok': not reason, 'reason': reason, 'values': values}
             if kind == 'begin':

@@ -101,6 +101,10 @@ class RigLink:
                 self.silence = 0.0
         return polled
 
+    def poll_theory(self) -> list[bytes]:
+        """Return new messages of the theory alone, in CDR."""
+        return [message.content for message in self._subscriptions['theory'].take(_MOST_TAKEN)]
+
     def begin_again(self) -> None:
         """Expect no answer of the old node: a new one has its name."""
         self._rig.begin_again()

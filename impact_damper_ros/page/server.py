@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from .ros_client import RosClient
 
 _FRAMES_PER_SECOND = 60.0
+#: Interval between two looks for what cannot wait for a tick, s.
+_HASTE_S = 0.003
 #: Period of the tick while no page is open, s.
 _IDLE_PERIOD_S = 0.25
 _LOOK_PERIOD_S = 1.0
@@ -148,8 +150,20 @@ class PageServer:
             # Missed ticks are left out.
             period = 1.0 / _FRAMES_PER_SECOND if self._clients else _IDLE_PERIOD_S
             due = max(due + period, now)
-            await asyncio.sleep(due - now)
+            await self._wait(due)
             self._try(self._tick)
+
+    async def _wait(self, due: float) -> None:
+        """Wait for a tick; until then sources send what cannot wait for it."""
+        while (rest := due - time.monotonic()) > 0.0:
+            hasty = [self._hastens(source) for source in list(self.sources.values())]
+            await asyncio.sleep(min(rest, _HASTE_S) if any(hasty) else rest)
+        await asyncio.sleep(0.0)
+
+    def _hastens(self, source: Source) -> bool:
+        found: list[bool] = []
+        self._try(lambda: found.append(source.hasten()))
+        return any(found)
 
     def _try(self, work: Callable[[], None]) -> None:
         """Run a part of the tick: a bad message must not stop the other parts."""

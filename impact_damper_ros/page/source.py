@@ -28,6 +28,9 @@ class Page(Protocol):
     def show(self, source: Source) -> None:
         """Show a source from the beginning."""
 
+    def pump(self) -> None:
+        """Send what is queued."""
+
 
 class Source:
     """
@@ -77,6 +80,10 @@ class Source:
 
     def tick(self) -> None:
         """Take new messages; called 60 times a second."""
+
+    def hasten(self) -> bool:
+        """Send what is not to wait for the next tick; return whether more is expected soon."""
+        return False
 
     def frame(self, view: PageView) -> bytes | None:
         """Return a frame with new rows; None without any."""

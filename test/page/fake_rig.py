@@ -114,6 +114,10 @@ class FakeLink:
         self.silence, self._polled_at = 0.0 if heard else self.silence + now - self._polled_at, now
         return taken
 
+    def poll_theory(self):
+        taken, self.messages['theory'] = self.messages['theory'], []
+        return taken
+
     def begin_again(self):
         pass
 

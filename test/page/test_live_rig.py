@@ -22,6 +22,19 @@ def followed(link):
     return LiveRig(link, dict)
 
 
+def sink(texts, frames=None):
+    """Return a connection that keeps what is written to it."""
+
+    class Sink:
+        def write_message(self, content, binary):
+            (frames if binary else texts).append(content)
+            written = asyncio.get_running_loop().create_future()
+            written.set_result(None)
+            return written
+
+    return Sink()
+
+
 async def left(live):
     await asyncio.sleep(0.0)
     await live.close()
@@ -125,21 +138,32 @@ async def test_a_run_is_known_by_its_identity(monkeypatch):
 
 
 @in_loop
+async def test_theory_of_a_change_does_not_wait_for_the_next_tick(monkeypatch):
+    """Otherwise it comes with a tick."""
+    monkeypatch.setattr('impact_damper_ros.page.live.time.monotonic', lambda: 100.0)
+    link, texts, frames = FakeLink(), [], []
+    live = followed(link)
+    client = Client(sink(texts, frames), live, lambda message, _: live.handle(message))
+    client.pump()
+    assert not live.hasten()
+    assert (await live.handle({'type': 'set', 'values': {'gap': 0.02}}))['ok']
+    document = {'theory_failed': {'type': 'theory_failed', 'text': 'as it came'}}
+    link.messages['theory'].append(encode(String(json.dumps(document))))
+    assert live.hasten()
+    assert json.loads(texts[-1]) == document['theory_failed']
+    monkeypatch.setattr('impact_damper_ros.page.live.time.monotonic', lambda: 101.0)
+    assert not live.hasten()
+    await left(live)
+
+
+@in_loop
 async def test_a_page_that_comes_into_view_is_shown_what_is_new(monkeypatch):
     """Hidden, it takes a frame a second; it does not wait for the next of these."""
     monkeypatch.setattr('impact_damper_ros.page.client.time.monotonic', lambda: 100.0)
     link = FakeLink()
     live = followed(link)
     frames = []
-
-    class Sink:
-        def write_message(self, content, binary):
-            frames.extend([content] if binary else [])
-            written = asyncio.get_running_loop().create_future()
-            written.set_result(None)
-            return written
-
-    client = Client(Sink(), live, lambda message, _: live.handle(message))
+    client = Client(sink([], frames), live, lambda message, _: live.handle(message))
     client.take('{"type": "view", "window": 30, "rate": 1}')
     await asyncio.sleep(0.0)
     for expected in (1, 1):
