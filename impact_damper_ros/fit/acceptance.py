@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-When a fit is accepted, and in words why not.
+The acceptance of a fit, and the reasons against it in words.
 
 The rule was fixed before the fits of `benchmarks/fit_rig.py` were made.
 """
@@ -18,12 +18,12 @@ from .first_course import LEAST_IMPACTS
 from .parameter_estimates import Correlations
 from .revision import Revised
 
-#: Largest root of chi squared, by the noise that fourth differences show.
+#: Largest root of chi squared, with the noise from fourth differences.
 MOST_CHI = 1.1
 #: Least number of flights that no verdict rejects, their least part of those that are not unclear,
 #: and of all.
 LEAST_FLIGHTS, LEAST_USED, LEAST_OF_ALL = 10, 0.7, 0.5
-#: What else may be the cause where a fit leads nowhere.
+#: Remedy for other causes where a fit fails.
 WRONG_RIG = (
     'check that the damper was in the rig, and that masses, angle and force are right '
     '(--also force_delay finds the phase of the force)'
@@ -35,7 +35,7 @@ POOR = 0.1
 
 
 class Judgement(NamedTuple):
-    """Whether a fit is accepted, the reasons against it, and remarks that are none."""
+    """Whether a fit is accepted, the reasons against it, and further remarks."""
 
     accepted: bool
     reasons: list[str]
@@ -50,7 +50,7 @@ def judge_fit(
     correlations: Correlations,
 ) -> Judgement:
     """Apply the rule of acceptance."""
-    # Of a course that is mostly a wrong one they say nothing
+    # They are meaningless for a course that is mostly wrong.
     reasons = [
         f'{check.meaning}: {check.name} {check.value:.3g} ± {check.standard_deviation:.2g}'
         f'{" " + check.unit if check.unit else ""}, {abs(check.z):.0f} standard deviations from 0'
@@ -87,7 +87,7 @@ def judge_fit(
 
 
 def _where(revised: Revised) -> str:
-    """Return from when to when most flights are that are not used."""
+    """Return the time in which most of the unused flights are, in words."""
     course = revised.course
     starts = course.time[:-1][~course.flies]
     if len(starts) < 4:
@@ -97,7 +97,7 @@ def _where(revised: Revised) -> str:
 
 
 def _remarks(parameters: dict[str, Estimate], correlations: Correlations) -> list[str]:
-    """Return which parameters the motion does not distinguish."""
+    """Return the parameters that the motion does not distinguish, in words."""
     remarks = []
     if 'restitution_speed' in parameters:
         low, high = parameters['restitution_speed'].interval

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What may be wrong with a model or a file, judged by how much of the record each fault explains.
+Possible faults of a model or a file, judged by the share of the record that each explains.
 
 Near a fit one Gauss-Newton step gives the value and standard deviation of each further parameter,
-zero in the model, without a fit of its own: a score test. Far from one, `misreading` compares how
-well the motion of M is made of free vibrations if its sensor or the force is in another unit.
+zero in the model, without another fit: a score test. Far from one, `misreading` compares how well
+the motion of M is made of free vibrations if its sensor or the force is in another unit.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .unknowns import CONSTANTS, Fall, later, scaled_constant
 from .vibration import Array, Phasors, Vibration
 
 _STEP = 1e-6
-#: What the motion may be too small or too large by in another unit, and the sentence that says so.
+#: Factors of the motion in a wrong unit, and the sentence on each.
 _UNITS = {
     9.80665: 'the motion is 9.81 times too small: g were taken for m/s^2',
     1.0 / 9.80665: 'the motion is 9.81 times too large: m/s^2 were taken for g',
@@ -39,7 +39,7 @@ _UNITS = {
     1e3: 'the motion is 1000 times too small: check its unit',
     1e-3: 'the motion is 1000 times too large: check its unit',
 }
-#: The same in its own unit, by another sign or level.
+#: Factors of the motion by a wrong sign or level.
 _SIGNS = {
     -1.0: 'the sensor or the force is the other way round: reverse the sign of one of them',
     2.0
@@ -48,21 +48,20 @@ _SIGNS = {
     2.0**0.5: 'the force is 0.707 times as large as the file says, as if its amplitude were given '
     'for the rms',
 }
-#: Phases of the force that are tried, and the sentence that says so.
+#: Phases of the force that are tried, and the sentence on them.
 _PHASES = 16
 OVER_SPEED = 'restitution over impact speed'
 OTHER_PHASE = 'the force comes at another time than described, which --also force_delay fits'
-#: Readings of a file are compared at so many samples in a natural period, at a few or more
+#: Readings of a file are compared with this number of samples in a natural period, at few or more
 #: stiffnesses; units only if the cost of a sample is at least `_DEAR`.
 _SAMPLES, _FEW, _MORE = 20, np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 5)
 _ONE, _DEAR = np.ones(1), 4.0
-#: Part of the exponent that is left for a fall of R that no slowness has.
+#: Largest fall of R, as a part of the exponent, to which a slowness belongs.
 _STEEP = 0.2
-#: Residuals, in those of the noise, of a record that is one vibration.
+#: Largest residuals of a record that is one vibration, over the noise.
 _ONE_VIBRATION = 1.5
-#: Part of the cost that another reading must save where a fit has failed, the part that another
-#: unit may leave where none was tried, and the part of the cost of another sign that another phase
-#: must be below.
+#: Shares of costs: that another reading must save where a fit has failed, that another unit may
+#: leave where no fit was tried, and that another phase may have of the cost of another sign.
 _SAVED, _CLEARLY, _AS_GOOD = 0.15, 0.5, 0.95
 #: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
 _SECOND_MODE = 'second mode'
@@ -87,11 +86,12 @@ class Candidate(NamedTuple):
     name : str
         What the parameter is.
     value, standard_deviation : float
-        As one step from the fit gives them; the deviation includes the uncertainty of the file.
+        Value and deviation by one step from the fit; the deviation includes the uncertainty of the
+        file.
     unit : str
         Unit of value and deviation.
     meaning : str
-        What is wrong if the parameter is not zero.
+        The fault if the parameter is not zero.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Candidate(NamedTuple):
 
 
 class ParameterColumn(NamedTuple):
-    """Derivatives of residuals and conditions by a parameter, and how far it is known before."""
+    """Derivatives of residuals and conditions by a parameter, and its prior deviation."""
 
     name: str
     unit: str
@@ -120,16 +120,16 @@ class ParameterColumn(NamedTuple):
 
 class Evidence(NamedTuple):
     """
-    What a record says of parameters beside the unknowns, all of these being fitted again.
+    The evidence of a record for further parameters, with all unknowns fitted again.
 
     Attributes
     ----------
     columns : list of ParameterColumn
-        The constants of the file, then what the model does not have.
+        The constants of the file, then parameters that the model does not have.
     information, gradient : ndarray
-        Second and first derivatives of minus the logarithm of the likelihood by all of these.
+        Second and first derivatives of minus the logarithm of the likelihood by all parameters.
     changes : ndarray
-        Changes of the unknowns with each of these.
+        Changes of the unknowns with each parameter.
     """
 
     columns: list[ParameterColumn]
@@ -141,7 +141,7 @@ class Evidence(NamedTuple):
     def of(
         cls, shooting: Shooting, solution: FitSolution, scale: float, *, laws: bool = True
     ) -> Evidence:
-        """Return it near a solution whose residuals have a deviation of scale."""
+        """Return the evidence near a solution whose residuals have the deviation `scale`."""
         equations = solution.equations
         system = System(equations, 1e-11)
         columns = constant_columns(shooting, solution)
@@ -150,26 +150,26 @@ class Evidence(NamedTuple):
         residual = np.stack([one.residual for one in columns], axis=1)
         condition = np.stack([one.condition for one in columns], axis=1)
         information, changes = system.profile(residual, condition)
-        # At the end of the step that is left: a solution is not that exact where two parameters
-        # can hardly be distinguished
+        # At the end of the remaining step: a solution is less exact where two parameters can
+        # hardly be distinguished
         step, multipliers = system.step(equations)
         left = equations.residual + equations.residual_rates @ step
         gradient = residual.T @ left + condition.T @ multipliers
         return cls(columns, information / scale**2, gradient / scale**2, changes)
 
     def uncertain(self) -> list[int]:
-        """Return which constants are known with an uncertainty only."""
+        """Return which constants have an uncertainty."""
         return [k for k, one in enumerate(self.columns) if one.uncertainty > 0.0]
 
     def step(
         self, free: list[int], since: Array, but: int = -1, *, doubts: bool = True
     ) -> tuple[Array, Array]:
         """
-        Return the step and covariance of some parameters, given what is known of them before.
+        Return the step and covariance of some parameters, given their prior.
 
-        `since` is by how much each was changed before; of column `but` nothing is known before.
-        Each constant has the value of the file with its uncertainty, or, with `doubts`, it is
-        wrong: these cases count by how likely they make the record.
+        `since` holds earlier changes of each; column `but` has no prior. Each constant has the
+        value of the file with its uncertainty, or, with `doubts`, it is wrong: these cases count
+        by how likely they make the record.
         """
         information, gradient = self.information[np.ix_(free, free)], self.gradient[free]
         cases = []
@@ -203,7 +203,7 @@ class Evidence(NamedTuple):
 
     def candidates(self, moved: Mapping[str, float]) -> list[Candidate]:
         """
-        Return what one step gives for each further parameter, the most significant first.
+        Return each further parameter by one step, the most significant first.
 
         One fault is tried at a time: but for it the file is right, to its uncertainty.
         """
@@ -317,7 +317,7 @@ def _answer(
 
 
 def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterColumn]:
-    """Yield parameters that depend on what the model takes to be constant, and the delay."""
+    """Yield slopes of parameters that the model takes for constant, and the delay."""
     unknowns, u, equations = shooting.unknowns, solution.unknowns, solution.equations
     shared, states = shooting.parts(u)
     ends, n = shooting.ends, len(shooting.record.time)
@@ -394,12 +394,12 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
 
 
 def shared_with_fall(shooting: Shooting, u: Array, slope: float) -> Array:
-    """Return the shared unknowns of a solution, and a slowness with which dR/dv is a slope."""
+    """Return a solution's shared unknowns, and the slowness that gives a slope dR/dv."""
     shared = shooting.parts(u)[0].copy()
     unknowns, columns = shooting.unknowns, list(set(shooting.unknowns.alpha_columns()))
     speeds = shooting.speeds(u)
     speed, bounces = float(speeds[speeds > 0.0].mean()), unknowns.restitution(shared[columns])
-    # Of R(0) (1 + s v)^-p; a fall by more than most of p, over v/v_c, begins there
+    # The slowness of R(0) (1 + s v)^-p; a fall by most of p over v/v_c is the limit.
     exponent = unknowns.rig.restitution_exponent
     fall = -slope * speed / float(bounces.mean())
     slowness = fall / max(exponent - fall, _STEEP * exponent) / speed
@@ -434,7 +434,7 @@ def _derivatives(
 
 
 def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
-    """Return the sentence on the unit that explains the motion far better, or ''."""
+    """Return the sentence on a unit that explains the motion far better, or ''."""
     fewer = thin_out(record, rig, _SAMPLES)
     as_it_is = _cost(fewer, rig, deviation, _FEW)
     if as_it_is < _DEAR * len(fewer.time):
@@ -449,7 +449,7 @@ def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
 
 def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     """
-    Return what else may be wrong if a fit has failed: a held m, or sign or phase of the force.
+    Return another fault if a fit has failed: an m that sticks, sign or phase of the force.
 
     With a unit that leaves hardly any force, vibrations are fewer than with a wrong phase.
     """
@@ -461,7 +461,7 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     delays = period * np.arange(1, _PHASES) / _PHASES
     others += [(OTHER_PHASE, later(rig, delay)) for delay in delays.tolist()]
     costs = [_cost(fewer, other, deviation, _MORE) for _, other in others]
-    # Half a period later it is the other way round
+    # Half a period later the sign is reversed.
     weights = [_AS_GOOD if sentence == OTHER_PHASE else 1.0 for sentence, _ in others]
     sentence, other = others[int(np.argmin(np.divide(costs, weights)))]
     start = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
@@ -470,7 +470,7 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
 
 
 def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
-    """Return what is wrong if the record is one vibration, of M or of M and m, or ''."""
+    """Return the fault if the record is one vibration, of M or of M and m, or ''."""
     whole = np.array([0, len(record.time)])
     damping = max(rig.damping, 1e-3 * rig.stiffness / rig.omega)
     joint = scaled_constant(rig, 'primary_mass', rig.mass_ratio) or rig
@@ -480,7 +480,7 @@ def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
         free = free_vibrations(record, Vibration.of(alone, *fitted), whole).residual
         left[which] = float(np.std(free[record.weight > 0.0])) / deviation
         slower[which] = 50.0 * (1.0 - fitted[0] / alone.primary_mass / rig.omega**2)
-        # Without a force on M both describe it: that with the stiffness of the file does
+        # Without a force on M both fit: that with the stiffness of the file is taken.
         left[which] *= 1.0 + abs(fitted[0] / rig.stiffness - 1.0)
     best = min(left, key=left.__getitem__)
     if left[best] > _ONE_VIBRATION:
@@ -496,7 +496,7 @@ def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
 
 
 def _driven_rig(rig: RigParameters, factor: float) -> RigParameters:
-    """Return the rig as it is if the motion is too small by a factor."""
+    """Return the rig for a motion that is too small by a factor."""
     driven = scaled_constant(rig, 'force_amplitudes', 1.0 / factor - 1.0) or rig
     return scaled_constant(driven, 'base_amplitudes', 1.0 / factor - 1.0) or driven
 

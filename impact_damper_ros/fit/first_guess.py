@@ -2,7 +2,7 @@
 """
 Restitution, friction and gap from the jumps of M alone, by a robust linear regression.
 
-The laws of the flights that cross the gap are linear in them (`orbits.flight_regressors`): no
+The equations of the flights from stop to stop are linear in these (`orbits.flight_regressors`): no
 start value is needed.
 """
 
@@ -23,7 +23,7 @@ _ROUNDS = 60
 def regress(
     unknowns: Unknowns, jumps: Jumps, stops: NDArray[np.int64], rate: float
 ) -> tuple[Array, float, float]:
-    """Return alpha of both stops, the grip and the gap from flights that cross the gap."""
+    """Return alpha of both stops, the grip and the gap from flights from stop to stop."""
     ratio = unknowns.rig.primary_mass / unknowns.rig.damper_mass
     span = np.diff(jumps.time)
     direction = -stops[:-1]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A measured motion of the primary mass M: the one record that every reader returns.
+A measured motion of the primary mass M, which every reader returns.
 
 Files come in by `read_table_motion`, messages of a bag or of a live topic by `recorded_motion`.
-Both end in `prepare`, which leaves out what is no sample, puts in what is missing, masks what is
-saturated, and finds the impacts.
+Both end in `prepare`, which removes rows that are no samples, inserts missing samples, masks
+saturated ones, and finds the impacts.
 """
 
 from __future__ import annotations
@@ -56,19 +56,19 @@ Mask = NDArray[np.bool_]
 
 #: Longest hole that is filled, in samples.
 _LONGEST_GAP = 1000
-#: Steps of the resolution by which a signal runs into saturation, at least.
+#: Least number of steps of the resolution by which a signal runs into saturation.
 _STEEP = 4.0
-#: Before an impact an acceleration is that of the sensor already, s.
+#: Time before an impact in which the acceleration is that of the sensor already, s.
 _BEFORE_IMPACT = 5e-4
 #: Least number of nines that stands for a missing sample, any beyond this one, and most of them.
 _NINES, _BEYOND, _MOST_STAND_INS = 999.0, 1e20, 5
-#: Most samples for which a value is held, and the share of changes that come in that rhythm.
+#: Most rows for which a value is repeated, and share of changes at that interval.
 _MOST_HELD, _IN_RHYTHM = 20, 0.98
 
 
 class MeasuredMotion(NamedTuple):
     """
-    What was measured of a rig, in SI units, by samples.
+    The measured motion of a rig as samples, in SI units.
 
     Examples
     --------
@@ -79,23 +79,23 @@ class MeasuredMotion(NamedTuple):
     (0.01, 101)
     """
 
-    #: Rising, at equal intervals but for the jitter of a clock, s.
+    #: Instants, rising, at equal intervals but for the jitter of a clock, s.
     time: Array
-    #: Of M: any number where it is not used.
+    #: Motion of M: any number where it is not used.
     motion: Array
     #: 'displacement', 'velocity' or 'acceleration'.
     quantity: str
     #: False for samples that are saturated or missing.
     used: Mask
-    #: On M, if it was measured; as the base NaN where rows are missing.
+    #: Force on M, if it was measured; NaN where rows are missing.
     force: Array | None = None
-    #: Motion of the base, and which quantity that is.
+    #: Motion of the base, and its quantity.
     base: Array | None = None
     base_quantity: str = ''
-    #: Rising, s; None if none were measured. And the standard deviation of one.
+    #: Impact times, rising, s, or None; and the standard deviation of a time.
     impact_times: Array | None = None
     impact_deviation: float = 0.0
-    #: Where it comes from and what was made of it; which columns are used, and which not.
+    #: Source and preparation of the data, in words; columns that are used, and that are not.
     source: str = ''
     columns: str = ''
 
@@ -125,7 +125,7 @@ class MeasuredMotion(NamedTuple):
 
 class ReadingOptions(NamedTuple):
     """
-    What a reader needs to know beside the data.
+    Options of a reader.
 
     Examples
     --------
@@ -134,21 +134,21 @@ class ReadingOptions(NamedTuple):
     ('mm', inf)
     """
 
-    #: Header or number of the column of the motion, and its unit, if it has none there.
+    #: Header or number of the column of the motion, and its unit, if the file has none.
     column: str = ''
     unit: str = ''
     time_column: str = ''
     base_column: str = ''
     force_column: str = ''
-    #: Size of the motion from which on it is saturated, SI; found by itself if not given.
+    #: Size of the motion from which on it is saturated, SI; detected if not given.
     saturation: float | None = None
     #: File of impact times, or of a signal that shows them, and the deviation of a time, s.
     impacts: Path | None = None
     impact_deviation: float | None = None
-    #: Of a bag, and its joint, or its axis.
+    #: Topic of a bag, and its joint or axis.
     topic: str = ''
     joint: str = ''
-    #: Instants of the data between which they are read, s.
+    #: First and last instant of the data that are read, s.
     first: float = -math.inf
     last: float = math.inf
 
@@ -160,7 +160,7 @@ _MOTION = Quantity(
 )
 
 
-#: Nothing beside the data.
+#: Options of a reader by default.
 NO_OPTIONS = ReadingOptions()
 
 
@@ -206,7 +206,7 @@ def read_table_motion(path: Path, options: ReadingOptions = NO_OPTIONS) -> Measu
 
 
 def choices_of(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Choice]]:
-    """Return which quantity the motion is, and the columns that are read."""
+    """Return the quantity of the motion, and the columns that are read."""
     found: dict[str, Choice] = {}
     taken: set[int] = set()
 
@@ -230,7 +230,7 @@ def choices_of(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Ch
     motion, key = found['motion'], quantity_of(found['motion'].unit)
     if key != 'acceleration' and not options.column and options.impacts is None:
         named = ACCELERATION._replace(by_unit=False)
-        # Several, none of which is that of M, are none
+        # Several columns, none of which is that of M, count as none.
         with contextlib.suppress(ColumnError):
             spikes = choose(sheet, 'spikes', named, needed=False, without=taken, strict=False)
             add('spikes', spikes)
@@ -248,7 +248,7 @@ def choices_of(sheet: Sheet, options: ReadingOptions) -> tuple[str, dict[str, Ch
 
 
 def _motion_of(sheet: Sheet, taken: set[int]) -> Choice:
-    """Return the column of M: one with a word of its quantity, or the only one of its unit."""
+    """Return the column of M: that with a word of its quantity, or the only one of its unit."""
     for by_unit in (False, True):
         for key, quantity in _MOTIONS.items():
             wanted = quantity._replace(by_unit=by_unit)
@@ -270,7 +270,7 @@ def _motion_of(sheet: Sheet, taken: set[int]) -> Choice:
 
 
 def _on_one_clock(table: MeasuredTable) -> MeasuredTable:
-    """Return a table without the clocks of other columns, which have to be that of the motion."""
+    """Return a table without the clocks of other columns, which must equal that of the motion."""
     columns, described = dict(table.columns), table.described
     for clock in [key for key in columns if key.startswith('time of ')]:
         own, key = columns.pop(clock), clock.removeprefix('time of ')
@@ -280,7 +280,7 @@ def _on_one_clock(table: MeasuredTable) -> MeasuredTable:
             raise table.error(
                 clock, 0, f'its clock is not that of the motion: export {key} and motion on one'
             )
-        # A channel that nothing is connected to
+        # An unconnected channel
         title = f'{key} {quote(columns.pop(key).title)}'
         described = described.replace(f', {title}', '')
         described += f'; not used, since it is constant and has another clock: {title}'
@@ -293,9 +293,9 @@ def saturation_of(motion: Array) -> Mask:
 
     Notes
     -----
-    They have exactly the largest or the least value there is, two or more of them in a row, and
-    the signal runs into it by more than a few steps of its resolution. A crest that is read with
-    a coarse resolution has equal values, too, but comes up to them by one step.
+    Two or more consecutive samples have exactly the largest or the least value, and the signal
+    reaches it by more than a few steps of its resolution. A crest that is read with a coarse
+    resolution has equal values, too, but comes up to them by one step.
     """
     cut = np.zeros(len(motion), np.bool_)
     finite = motion[np.isfinite(motion)]
@@ -321,7 +321,7 @@ def saturation_of(motion: Array) -> Mask:
 
 
 def _stand_ins(values: Array, factor: float) -> Mask:
-    """Return which samples are -9999 or its like: nines far beyond all others, or 1e30."""
+    """Return which samples are -9999 or similar: nines far beyond all others, or 1e30."""
     sizes = np.abs(values) / factor
     found = np.zeros(len(values), np.bool_)
     for _ in range(_MOST_STAND_INS):
@@ -336,7 +336,7 @@ def _stand_ins(values: Array, factor: float) -> Mask:
 
 
 def _repeats_of_values(values: Array) -> int:
-    """Return how many rows have each value, of a channel that is sampled less often than rows."""
+    """Return the number of rows per value of a channel that is sampled more slowly."""
     change = np.flatnonzero(np.diff(values) != 0.0) + 1
     for many in range(_MOST_HELD, 1, -1):
         in_rhythm = np.bincount(change % many, minlength=many) if len(change) else [0]
@@ -349,7 +349,7 @@ def _repeats_of_values(values: Array) -> int:
 def _fill_gaps(
     data: MeasuredMotion, missing: NDArray[np.int64], place: Callable[[int], str]
 ) -> MeasuredMotion:
-    """Return a motion with missing samples put in, not to be used."""
+    """Return a motion with missing samples inserted, which are not used."""
     time = data.time
     wrong = np.flatnonzero((missing < 0) | (missing > _LONGEST_GAP))
     if len(wrong):
@@ -364,7 +364,7 @@ def _fill_gaps(
             f'{data.source}: {plural(int(missing.sum()), "sample")} are missing among '
             f'{len(time)}: record without gaps'
         )
-    # Between rows k and k + 1 are missing[k] more
+    # missing[k] samples are missing between rows k and k + 1.
     whole = np.arange(len(time)) + np.concatenate([[0], np.cumsum(missing)])
     every = np.arange(whole[-1] + 1)
     used = np.zeros(len(every), np.bool_)
@@ -389,7 +389,7 @@ def _fill_gaps(
 
 
 def _samples(data: MeasuredMotion, factor: float) -> tuple[MeasuredMotion, int]:
-    """Return a motion without rows and values that are no samples, and how many rows one has."""
+    """Return a motion without rows and values that are no samples, and the rows per sample."""
     notes = ''
     if (unreal := _stand_ins(data.motion, factor)).any():
         numbers = ' and '.join(f'{x:g}' for x in np.unique(data.motion[unreal] / factor)[:3])
@@ -425,10 +425,10 @@ def prepare(
     factor: float = 1.0,
 ) -> MeasuredMotion:
     """
-    Return a motion as the fit takes it: gaps filled, saturated samples masked, impacts found.
+    Return a motion for a fit: gaps filled, saturated samples masked, impacts found.
 
-    `place` says where a row is, and `what` is the motion, for messages; `digit` is the last one of
-    the times, s, and `factor` that of the unit in which the motion was written.
+    `place` names a row, and `what` the motion, in messages; `digit` is the last digit of the
+    times, s, and `factor` that of the unit in which the motion was written.
     """
     name = f'{as_line(data.source)}: {what or "the motion"}'
     data, many = _samples(data, factor)
@@ -446,7 +446,7 @@ def prepare(
     if cut.any():
         source += f' ({plural(int(cut.sum()), "saturated sample")} not used)'
     if data.quantity == 'acceleration' and cut.any():
-        # What comes out of saturation may be late
+        # The first samples after saturation may be late.
         cut[1:] |= cut[:-1].copy()
     data = data._replace(used=data.used & ~cut, source=source)
     times, deviation = data.impact_times, data.impact_deviation

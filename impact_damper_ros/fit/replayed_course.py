@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the exact engine says of each flight of a course, and the course that follows from it.
+The replay of each flight of a course by the exact engine, and the course that follows.
 
 From each impact the engine flies on until it hits a stop where and when the course has an impact.
-If that is the next one, the flight agrees. If it is a later one, those passed are removed; what
-the engine hits on its way is inserted: without measured times always, with them where there is
-one to spare for each, or one impact that was missed. The data must agree with what is changed.
-The reversals of the engine become nodes. A flight that sticks, or from which the engine arrives
-nowhere, is cut out, until a later round agrees.
+If that is the next one, the flight agrees. If it is a later one, the impacts between are removed;
+further impacts of the engine are inserted: without measured times always, with them where each has
+a spare time, or one impact was missed. The data must agree with what is changed. The reversals of
+the engine become nodes. A flight that sticks, or from which the engine arrives nowhere, is cut
+out, until a later round agrees.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from .flight_replay import FlightReplay, Passage, passage
 from .shooting import Shooting
 from .vibration import Array
 
-#: For how long a flight is replayed beyond its end, in natural periods.
+#: Time for which a flight is replayed beyond its end, in natural periods.
 _MARGIN = 0.15
-#: So many impacts of the course may be passed, and so many of the engine inserted, in a flight.
+#: Most impacts of the course that are removed, and most of the engine that are inserted, in a
+#: flight.
 _MOST_PASSED, _MOST_INSERTED = 3, 3
 #: Reversals with less relative acceleration than this part of the largest of M are held.
 _FLAT = 0.1
 #: Least friction of the replay, m/s^2.
 _LEAST_GRIP = 1e-9
-#: What is cut so often at an instant is left as it is.
+#: Number of cuts at an instant after which it is left unchanged.
 _OFTEN = 2
 #: Residuals of the data in a flight that changes the course, in standard deviations.
 _MISFIT = 3.0
@@ -50,7 +51,7 @@ class Memory:
     cuts: list[tuple[float, int]] = field(default_factory=list)
 
     def count(self, time: float) -> int:
-        """Return how often a flight was cut at an instant."""
+        """Return the number of times that a flight was cut at an instant."""
         return sum(times for at, times in self.cuts if abs(at - time) < self.same)
 
 
@@ -59,13 +60,13 @@ class Impact:
 
     def __init__(self, row: list[float], stop: int, *, begins: bool) -> None:
         self.row, self.stop, self.begins = row, stop, begins
-        # Of the flight that ends there
+        # Reversals of the flight that ends there
         self.reversals: Array = np.zeros(0)
         self.held: Flags = np.zeros(0, bool)
 
     @property
     def time(self) -> float:
-        """Its instant, s."""
+        """Instant of the impact, s."""
         return self.row[0]
 
 
@@ -83,7 +84,7 @@ class ReplayedCourse:
         self.course, self.shooting, self.memory = course, shooting, memory
         self.gains, self.tolerance = gains, tolerance
         self.unknowns = shooting.unknowns
-        # With a little friction the engine reports reversals, which a fit may need
+        # With a little friction the engine reports reversals, which a fit may need..
         self.replay = FlightReplay(self.unknowns.rig_of(course.shared, _LEAST_GRIP))
         self.margin = _MARGIN * 2.0 * np.pi / shooting.rate
         self.largest = float(np.abs(course.velocity).max())
@@ -99,7 +100,7 @@ class ReplayedCourse:
         return [float(value) for value in values]
 
     def _passage(self, k: int, tolerance: float) -> Passage:
-        """Return where the engine arrives from the last impact of the new course, the k-th."""
+        """Return the events of the engine after the last impact of the new course, the k-th."""
         course, last = self.course, self.impacts[-1]
         time, x, velocity, damper = last.row
         if not (damper - velocity) * last.stop <= 0.0:
@@ -151,7 +152,7 @@ class ReplayedCourse:
         return end
 
     def _misfit(self, found: Passage) -> float:
-        """Return the residuals of the data on a passage, rms, in standard deviations."""
+        """Return the residuals of the data in a replayed flight, rms, in standard deviations."""
         shooting, shared = self.shooting, self.course.shared
         record, last = shooting.record, self.impacts[-1]
         begin, end = last.time, last.time + found.events[-1].time
@@ -192,7 +193,7 @@ class ReplayedCourse:
             elif event.kind is EventKind.IMPACT:
                 impact = Impact(_row_of(begin, event), event.side, begins=False)
                 if event is hits[-1]:
-                    # A state that is fitted on its other side is taken from there
+                    # A state that is fitted on its other side is taken from that side.
                     lone = bool(course.begins[end]) and (
                         end + 1 >= len(course) or bool(course.begins[end + 1])
                     )
@@ -213,14 +214,14 @@ class ReplayedCourse:
             self.changed = True
 
     def _flat(self, begin: float, event: Event, was_held: bool) -> bool:
-        """Return whether m hardly reverses at an event, so that its instant is held."""
+        """Return whether m hardly reverses at an event, so that its instant is fixed."""
         x, v = np.array([event.x]), np.array([event.primary_velocity_before])
         at = np.array([begin + event.time])
         vibration = self.shooting.vibration(self.course.shared)
         rate = vibration.acceleration(at, x, v, np.zeros(1))[0] - self.unknowns.slope
         grip = self.unknowns.value(self.course.shared, 'grip')
         limit = _FLAT * self.shooting.rate * self.largest + grip
-        # One that was held stays so a little longer, or rounds would alternate
+        # A fixed instant stays fixed a little longer, or rounds would alternate.
         return bool(abs(rate) < (2.0 * limit if was_held else limit))
 
     def _spare(self, k: int, end: int, found: Passage) -> bool:

@@ -2,10 +2,10 @@
 """
 The course revised until the exact engine computes it again.
 
-In each round every flight is replayed by the engine (`replayed_course`), and what follows from it
+In each round every flight is replayed by the engine (`replayed_course`), and the resulting course
 is fitted, without flights that contradict the others (`contradictions`). A round that makes the
-fit worse is undone. At the end there is one verdict for each flight, and what it rejects is left
-out: what counts is how many remain, and that their residuals are those of noise.
+fit worse is undone. At the end each flight has one verdict, and rejected flights are left out. A
+fit is judged by the number of flights that remain, and by their residuals.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from .replayed_course import STICKS, Memory, ReplayedCourse
 from .shooting import Shooting
 from .vibration import Array
 
-#: Rounds, and how often flights are left out by verdicts.
+#: Most rounds of the revision, and most rounds of verdicts.
 _MOST_ROUNDS, _MOST_VERDICTS = 6, 8
-#: Part of the flights below which nothing helps after so many rounds.
+#: Share of flights below which a course is given up, and rounds before that.
 _HOPELESS, _EARLY = 0.5, 2
 #: Largest law, in standard deviations of the data, that counts as exact.
 _EXACT = 5e-2
-#: Rise of chi that undoes a round, and how often that is done.
+#: Rise of chi that undoes a round, and most undone rounds.
 _WORSE, _MOST_UNDONE = 1.15, 3
-#: Rounds that may begin with one course; what is cut twice at an instant stays cut.
+#: Most rounds that begin with one course; a flight cut twice at an instant stays cut.
 _MOST_REPEATS = 3
 #: A replay ends at the impact if it is there within this many samples or this part of a period.
 _SAMPLES, _PART = 1.2, 0.025
-#: An impact slower than this part of the median one may be none.
+#: An impact slower than this part of the median speed is doubtful.
 _GRAZING = 0.02
 #: Why a flight is left out whose reversal may be none.
 FLAT = 'm hardly reverses in it'
@@ -45,16 +45,16 @@ _SAME = 0.05
 
 class Revised(NamedTuple):
     """
-    The course as revised.
+    The revised course.
 
     Attributes
     ----------
     course : Course
-        With the numbers of the last fit.
+        The course with the numbers of the last fit.
     shooting : Shooting
-        Its equations.
+        Equations of the course.
     solution : Solution
-        Where they are solved.
+        Solution of the equations.
     gains : ndarray
         Fall of the sum of squares if the laws of each flight did not hold.
     why_cut : dict
@@ -80,7 +80,7 @@ class Revised(NamedTuple):
 
     @property
     def grazes(self) -> Flags:
-        """Impacts that may be none: hardly faster than M, and with no measured time."""
+        """Doubtful impacts: hardly faster than M, and without a measured time."""
         course, shooting, u = self.course, self.shooting, self.solution.unknowns
         inner = ~course.begins
         if not inner.any():
@@ -91,14 +91,14 @@ class Revised(NamedTuple):
 
     def verdicts(self) -> dict[int, str]:
         """
-        Return the flights that are to be left out, and why.
+        Return the flights to leave out, with the reasons.
 
-        The engine must make each of them. Its course must be the same for parameters near the
-        fitted ones: where m hardly reverses the instant is held, and an impact that may be none
-        demands that m touches the stop exactly; both would say more of the parameters than is
-        known. Where the motion begins anew at an impact that was not measured, m may as well stick
-        before the next one: its velocity is free, so that any reversal fits, and friction on M is
-        a guess. And chi squared must not fall by much if its laws are released.
+        The engine must reproduce each flight. Its events must be the same for parameters near the
+        fitted ones: where m hardly reverses the instant is fixed, and a doubtful impact requires
+        that m touches the stop exactly; both would determine the parameters too well. Where the
+        motion begins anew at an impact that was not measured, m may also stick before the next
+        one: its velocity is free, so that any reversal fits, and friction on M is a guess. And chi
+        squared must not fall by much if its laws are released.
         """
         course, shooting = self.course, self.shooting
         tolerance, same = _tolerances(shooting)
@@ -121,7 +121,7 @@ class Revised(NamedTuple):
         return found | {k: _costs(gain) for k, gain in dear.items() if course.flies[k]}
 
     def without_rejected(self, problem: Problem) -> Revised:
-        """Leave out what the verdicts reject, until they reject nothing."""
+        """Leave out rejected flights until the verdicts reject none."""
         found = self
         for _ in range(_MOST_VERDICTS):
             rejected = found.verdicts()
@@ -138,7 +138,7 @@ class Revised(NamedTuple):
         return found
 
     def solve(self, problem: Problem, course: Course | None = None) -> Revised:
-        """Return the fit of its course, or of the same one with other numbers."""
+        """Return the fit of the course, or of the course with other numbers."""
         shooting = problem(course or self.course)
         solution = solve(shooting, shooting.start())
         return self._replace(
@@ -163,14 +163,14 @@ def chi_of(shooting: Shooting, solution: FitSolution) -> float:
 
 
 def _tolerances(shooting: Shooting) -> tuple[float, float]:
-    """Return how far a replay may end from an impact, and how close times of one impact are, s."""
+    """Return the tolerances of the end of a replay and of times of one impact, s."""
     step = float(np.median(np.diff(shooting.record.time)))
     period = 2.0 * np.pi / shooting.rate
     return max(_SAMPLES * step, _PART * period), _SAME * period
 
 
 def revise(course: Course, problem: Problem) -> Revised:
-    """Revise and fit a course until nothing changes, or for `_MOST_ROUNDS` rounds."""
+    """Revise and fit a course until it does not change, or for `_MOST_ROUNDS` rounds."""
     shooting = problem(course)
     tolerance, same = _tolerances(shooting)
     memory = Memory(same)
@@ -191,7 +191,7 @@ def revise(course: Course, problem: Problem) -> Revised:
         state = proposed.structure, tuple(gains_now)
         seen[state] += 1
         if kept and seen[state] > _MOST_REPEATS:
-            break  # rounds alternate
+            break  # the the rounds alternate
         shooting = problem(proposed)
         shooting, solution, gains = without_contradictions(
             problem, shooting, turn.why_cut, softly=True
@@ -219,14 +219,14 @@ def revise(course: Course, problem: Problem) -> Revised:
 
 
 def unmet(shooting: Shooting, solution: FitSolution) -> dict[int, float]:
-    """Return the flight whose laws are met least, to be cut; none if it is no law of m."""
+    """Return the flight with the largest violation of a law of m, to be cut; none if M has it."""
     laws = np.abs(solution.equations.condition)
     flight = int(shooting.law_flights[int(laws.argmax())])
     return {flight: 1e3 * float(laws.max())} if flight >= 0 else {}
 
 
 def _first_fit(course: Course, problem: Problem) -> tuple[Course, float]:
-    """Return the course with exact laws if they fit, or as it is, and the chi of it."""
+    """Return the course with exact laws if they fit, or the same course, and its chi."""
     shooting = problem(course)
     u = shooting.start()
     used = max(1, int(shooting.motion(u)[1].sum()))

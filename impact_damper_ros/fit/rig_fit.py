@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-A rig fitted to measured data: the twin of a rig that exists.
+A rig fitted to measured data.
 
 For given K, C and instants of impacts the motion of M is linear in its state after each of them,
-whatever m does, and the laws of m are linear in restitution, friction and gap. So the parameters
-are found in steps: impacts, K and C from M alone (`partition`); the parameters of m by a linear
-regression (`first_guess`); all at once with the laws, at first softly (`relaxation`); and then in
-turns with a replay of each flight by the exact engine (`revision`), until nothing changes.
-Intervals are those of the linearised model with the noise that the residuals show.
+whatever m does, and the laws of m are linear in restitution, friction and gap. The parameters are
+therefore found in steps: impacts, K and C from M alone (`partition`); the parameters of m by a
+linear regression (`first_guess`); all at once with the laws, at first softly (`relaxation`); and
+then in turns with a replay of each flight by the exact engine (`revision`), until nothing changes.
+Intervals are those of the linearised model with the noise of the residuals.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ from .shooting import Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
 
-#: What may be fitted beside K, C, one restitution, friction and gap.
+#: Further parameters that may be fitted, besides K, C, one restitution, friction and gap.
 FURTHER = (
     *('restitution_2', 'restitution_speed', 'bias', 'force_delay'),
     *('damper_mass', 'primary_mass'),
 )
-#: Most steps of the constants of a file; they end below this part of a standard deviation. After
-#: a change of one by this part the course is revised again.
+#: Most steps of the constants of a file; part of a standard deviation at which steps end; and part
+#: by which a change of a constant revises the course again.
 _MOST_CONSTANTS, _SMALL, _MOVED = 6, 0.05, 0.01
-#: ... unless nearly all flights count.
+#: Share of flights that count above which it is not revised again.
 _ENOUGH = 0.95
 #: A fall of restitution beyond so many standard deviations is fitted; first courses are alike with
 #: as many impacts and stiffnesses that differ by less than this part.
@@ -57,12 +57,12 @@ _FALL, _SAME_STIFFNESS = 3.0, 1e-3
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
 
-#: A clock that begins so far from 0, s, leaves too few digits for derivatives by the time.
+#: A clock that begins farther from 0, s, leaves too few digits for derivatives by the time.
 _FAR = 1e4
-#: Impacts are looked for as if the noise were at least this part of the motion (rms): a record of
-#: a simulation has none, and what the first, rough model leaves would pass for impacts.
+#: Least noise for the search of impacts, as a part of the motion (rms): a record of a simulation
+#: has none, and residuals of the first, rough model would pass for impacts.
 _LEAST_NOISE = 0.01
-#: ... and standard deviations are at least those of this noise, which rounding makes.
+#: Least noise for standard deviations, which rounding makes.
 _ROUNDING = 1e-6
 
 IMPACT_TYPE = np.dtype(
@@ -86,17 +86,17 @@ class FittedFlight(NamedTuple):
     Attributes
     ----------
     start, end : float
-        Instants of its impacts, s.
+        Instants of the impacts at its ends, s.
     reversals : int
-        How often m reverses in it.
+        Number of reversals of m.
     used : bool
-        Whether it counts.
+        Whether the flight counts.
     why_not : str
-        Why it does not; empty if it does.
+        Why the flight does not count; empty if it does.
     residual : float
-        Root mean square of its residuals over the standard deviation; NaN without samples.
+        Root mean square of the residuals over the standard deviation; NaN without samples.
     gain : float
-        By how much chi squared would fall if its laws did not hold.
+        Fall of chi squared if the laws of the flight did not hold.
     """
 
     start: float
@@ -110,42 +110,42 @@ class FittedFlight(NamedTuple):
 
 class RigFit(NamedTuple):
     """
-    A rig as fitted, and how far it is known.
+    A fitted rig, and its uncertainty.
 
     Attributes
     ----------
     accepted : bool
         Whether the model describes the record, by the rule in `acceptance`.
     reasons : list of str
-        Why it is not accepted.
+        Why the fit is not accepted.
     remarks : list of str
-        What to know of it: parameters that cannot be distinguished.
+        Remarks on the fit: parameters that cannot be distinguished.
     parameters : dict of Estimate
-        By the names of the ROS parameters, then what was fitted of sensor and clocks; empty if
-        nothing could be fitted.
+        Estimates by the names of the ROS parameters, then those of sensor and clocks; empty
+        without a fit.
     correlations : dict
-        Of each two of them, by their names.
+        Correlation of each two parameters, by their names.
     chi_squared : float
-        Mean square of the residuals over that of the noise, as fourth differences show it.
+        Mean square of the residuals over that of the noise, from fourth differences.
     fit_percent : float
         100 (1 - |residual|/|motion - mean|).
     whiteness : float
         Correlation of neighbouring residuals over its standard deviation, 0 for white ones; NaN
-        if nothing could be fitted, or the residuals are those of rounding.
+        without a fit, or if the residuals are those of rounding.
     deviation : float
         Standard deviation of the noise, from the residuals.
     impacts : ndarray of IMPACT_TYPE
         The fitted impacts; `speed` is that of the approach, relative to the stop, `measured_time`
-        is NaN where none was.
+        is NaN where no time was measured.
     flights : list of FittedFlight
-        Those between them.
+        The flights between the impacts.
     checks : list of Candidate
-        Further parameters that the model does not have, and whether the data ask for them.
+        Further parameters that the model does not have, and their significance.
     motion, residuals : ndarray, shape (n,)
         The fitted signal at the instants of the record, and the record less that; NaN where no
         flight counts.
     rig : RigParameters or None
-        The fitted rig; None if nothing could be fitted.
+        The fitted rig; None without a fit.
 
     Examples
     --------
@@ -174,7 +174,7 @@ class RigFit(NamedTuple):
 
 
 class FitOptionError(ValueError):
-    """An option of a fit that there is not."""
+    """An unknown option of a fit."""
 
 
 def fit_rig(
@@ -192,21 +192,21 @@ def fit_rig(
     measured : MeasuredMotion
         The motion of M, with impact times if there are any.
     start : RigParameters
-        The rig: masses, force or motion of the base (unless they were recorded), and angle are
-        taken from it, stiffness and damping are guesses (within 5 % and 60 %). The rest of it
-        does not count.
+        The start: masses, force or motion of the base (unless they were recorded), and angle are
+        constants; stiffness and damping are guesses (within 5 % and 60 %). Other parameters do not
+        count.
     also : sequence of str, optional
-        What to fit besides: 'restitution_2' for a restitution of its own of stop 2,
-        'restitution_speed' for one that falls with the speed of impact, with the exponent of the
-        rig, 'bias' of the sensor, 'force_delay' of the force, 'damper_mass' or 'primary_mass'.
-        The bias of an acceleration is always fitted, and so is restitution_speed where the rig
-        has one, or where nothing explains the record better.
+        Further parameters to fit: 'restitution_2' for another restitution of stop 2,
+        'restitution_speed' for a restitution that falls with the speed of impact, with the
+        exponent of the rig, 'bias' of the sensor, 'force_delay' of the force, 'damper_mass' or
+        'primary_mass'. The bias of an acceleration is always fitted, and so is restitution_speed
+        where the rig has one, or where it explains the record best.
     uncertain : mapping of str to float, optional
         Relative standard deviations of constants of the rig: `damper_mass` (0.005 if not given),
         `primary_mass` (0: it is the measure of all masses and forces), `force_amplitudes` and
         `base_amplitudes` (0.01). One that is not given may be wrong by 0.1, with a chance of 0.2.
-        What the record says of them counts, too: the fitted rig has what both say, and what is
-        left goes into all intervals.
+        The record counts, too: the fitted rig has the combined values, and their remaining
+        uncertainty enters all intervals.
 
     Returns
     -------
@@ -285,7 +285,7 @@ def _fit(
     also: Sequence[str],
     uncertain: Mapping[str, float],
 ) -> RigFit:
-    """Fit a rig whose excitation is known, or say what may be wrong."""
+    """Fit a rig whose excitation is known, or return the possible faults."""
     faults = faults_of(measured, start, also)
     if faults:
         return _refusal(measured, faults)
@@ -350,7 +350,7 @@ def _same_start(one: Course, other: Course) -> bool:
 
 
 def _explains_record(found: RigFit) -> bool:
-    """Return whether a fit describes enough of the record to say what is wrong with the model."""
+    """Return whether a fit describes enough of the record to find faults of the model."""
     used = sum(flight.used for flight in found.flights)
     return used >= LEAST_USED * max(len(found.flights), 1) and found.chi_squared < MOST_CHI**2
 
@@ -377,7 +377,7 @@ def _fitted_record(
     found = revise(course, problem).without_rejected(problem)
     if not found.course.flies.any():
         return _refusal(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
-    # Weights of data and of impact times by the noise that the residuals show
+    # Weights of data and of impact times by the noise of the residuals
     noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
     found = found.solve(problem)
     scale = _scale(measured, found)
@@ -402,7 +402,7 @@ def _fitted_record(
                 ]
             elif not few or max(map(abs, moved.values()), default=0.0) < _MOVED:
                 break
-            # Flights were left out by constants that are others now
+            # Flights were left out with constants that have changed since.
             few = few or fall is not None
             found = revise(found.course, problem) if few else found.solve(problem)
             known = Knowledge.of(found, scale, moved)
@@ -420,7 +420,7 @@ def _fitted_record(
         if found.course.flies.sum() < flights:
             known = Knowledge.of(found, scale, moved)
     if unknowns.value(found.course.shared, 'slowness') < 0.0:
-        # No rig has a restitution that grows with the speed
+        # No rig has a restitution that grows with the speed.
         unknowns = unknowns._replace(extras=unknowns.extras[:-1])
         course = found.course.copy()
         course.shared = course.shared[:-1]
@@ -444,7 +444,7 @@ def _fall(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
 
 
 def _noise(shooting: Shooting, otherwise: float) -> float:
-    """Return the noise that fourth differences of the residuals show between impacts."""
+    """Return the noise between impacts, from fourth differences of the residuals."""
     motion, counts = shooting.motion(shooting.start())
     residuals = np.where(counts, shooting.record.motion - motion, np.nan)
     found = noise_between(residuals, shooting.record.time, shooting.course.time)
@@ -452,7 +452,7 @@ def _noise(shooting: Shooting, otherwise: float) -> float:
 
 
 def _refusal(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
-    """Return a fit of nothing, with the reasons."""
+    """Return the result without a fit, with the reasons."""
     nothing = np.full(len(measured.time), np.nan)
     return RigFit(
         accepted=False,
@@ -475,22 +475,22 @@ def _refusal(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
 
 class Knowledge(NamedTuple):
     """
-    What the record and the file together say of the constants, by one step from a solution.
+    Constants by the record and the file together, one step from a solution.
 
     Attributes
     ----------
     names : list of str
         The constants with an uncertainty.
     covariance : ndarray
-        Of the shared unknowns and then of relative changes of the constants.
+        Covariance of the shared unknowns and then of relative changes of the constants.
     steps : dict
-        By which part each of the constants is to be changed.
+        Relative change of each constant.
     moves : bool
-        Whether that is more than a small part of its deviation.
+        Whether a change is more than a small part of its deviation.
     rig : RigParameters
-        With the changes.
+        The rig with the changes.
     unknowns : ndarray
-        All unknowns with them.
+        All unknowns with the changes.
     """
 
     names: list[str]
@@ -502,7 +502,7 @@ class Knowledge(NamedTuple):
 
     @classmethod
     def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> Knowledge:
-        """Return it for constants that were changed by parts since the file."""
+        """Return the knowledge for constants that were changed by parts since the file."""
         shooting, solution = found.shooting, found.solution
         own = _own_covariance(shooting, solution, scale)
         evidence = Evidence.of(shooting, solution, scale, laws=False)

@@ -3,9 +3,9 @@
 Multiple shooting in closed form: data and laws over all flights, with their derivatives.
 
 As in `orbits.closed_flights` nodes are events, here impacts and reversals, and the unknowns are
-their instants and the states (X, X', Y, Z') just after them; there is no closure but data, and the
-parameters are unknown, too. From node to node the motion is one closed formula, so that nothing is
-simulated and no error is carried over more than one flight: chaos does no harm.
+their instants and the states (X, X', Y, Z') just after them; data replace the closure, and the
+parameters are unknown, too. From node to node the motion is one closed formula, so that no error
+is carried over more than one flight, even in chaotic motion.
 
 Conditions that always hold are the motion of M in each flight and its jump at each impact. The
 laws of m,
@@ -41,7 +41,7 @@ _AT_X, _AT_V, _AT_W, _AT_Y, _LAST = range(5)
 _NO_GRIP = 1e-6
 #: Step of derivatives by K, C and the delay, in natural units.
 _STEP = 1e-6
-#: A speed at which restitution is that at rest, m/s; and rounds in which a jump finds its speed.
+#: A speed at which restitution is that at rest, m/s; and iterations of the speed of a jump.
 _LEAST_SPEED, _TURNS = 1e-9, 12
 
 
@@ -52,13 +52,13 @@ class Equations(NamedTuple):
     Attributes
     ----------
     residual : ndarray
-        Of the data and of impact times, over their deviations; then soft laws.
+        Residuals of the data and of impact times, over their deviations; then soft laws.
     condition : ndarray
-        What must be zero, in standard deviations of the data.
+        Conditions that must be zero, in standard deviations of the data.
     residual_rates, condition_rates : sparse matrix
         Derivatives by the unknowns; the columns of a row rise.
     shared : int
-        How many unknowns belong to no node; they come first, then five of each node.
+        Number of unknowns that belong to no node; they come first, then five of each node.
     """
 
     residual: Array
@@ -77,15 +77,15 @@ class Shooting(NodeMotion):
     record : Record
         The measured motion.
     deviation : float
-        Standard deviation of its noise.
+        Standard deviation of the noise.
     unknowns : Unknowns
-        What is shared.
+        The shared unknowns.
     course : Course
-        The motion; its numbers are the first guess.
+        The course; its numbers are the first guess.
     impact_times : ndarray
         Measured instants of impacts.
     impact_deviation : float
-        Their standard deviation.
+        Standard deviation of these instants.
     masked : float
         Samples closer to an impact than this are not used, s.
     """
@@ -101,10 +101,10 @@ class Shooting(NodeMotion):
         masked: float = 0.0,
     ) -> None:
         self.deviation, self.impact_deviation = deviation, impact_deviation
-        #: Whether friction is held at zero, since the best value is below it.
+        #: Whether friction is fixed at zero, since the best value is negative.
         self.frictionless = False
         self.rate = float(np.sqrt(course.shared[0] / unknowns.rig.primary_mass))
-        # Displacement that the measured quantity has for the same noise
+        # Displacement that corresponds to the noise of the measured quantity
         self.length = deviation / self.rate**record.order
         weight = record.weight / deviation
         if masked:
@@ -130,7 +130,7 @@ class Shooting(NodeMotion):
 
     @property
     def freedom(self) -> int:
-        """Number of unknowns less that of the conditions."""
+        """Number of unknowns less number of conditions."""
         conditions = 5 * len(self.ends) + len(self.firsts) + len(self.holds)
         return self.size - conditions + len(self._void_rows)
 
@@ -179,7 +179,7 @@ class Shooting(NodeMotion):
         return np.array([[self.unknowns.column('grip')]])
 
     def _others(self, u: Array) -> Array:
-        """Return residuals of impact times, and of a friction that is held at zero."""
+        """Return residuals of impact times, and of a friction that is fixed at zero."""
         grip = [u[self.unknowns.column('grip')] / _NO_GRIP] if self.frictionless else []
         return np.concatenate([self._times(u), np.array(grip)])
 
@@ -305,7 +305,7 @@ class Shooting(NodeMotion):
         return np.concatenate([rows, firsts / self.length, held / self._hold_units])
 
     def _alphas(self, shared: Array, approach: Array) -> tuple[Array, Array, Array, Array]:
-        """Return what `Unknowns.alpha_at` does, at the ends of flights."""
+        """Return `Unknowns.alpha_at` at the ends of flights."""
         alpha = shared[self.alpha_column[self.ends]]
         return self.unknowns.alpha_at(shared, alpha, np.maximum(np.abs(approach), _LEAST_SPEED))
 
@@ -321,7 +321,7 @@ class Shooting(NodeMotion):
 
     @cached_property
     def _void_rows(self) -> NDArray[np.int64]:
-        """Conditions of flights that obey no law; zero, they demand nothing."""
+        """Conditions of flights without laws, which are set to zero."""
         rows = np.zeros((len(self.ends), 5), bool)
         void = self.lawless_ends & (self.kind[self.ends] != 0)
         rows[void, _AT_V] = rows[void, _AT_Y] = True
@@ -337,8 +337,8 @@ class Shooting(NodeMotion):
         """
         Return derivatives of X, X', Z' and Y just before the nodes that end a flight.
 
-        By the five unknowns of the node before, those of the node, and the shared ones; with the
-        columns of these, and X' and Z' themselves.
+        Derivatives are by the five unknowns of the node before, those of the node, and the shared
+        ones; their columns, and X' and Z', are returned, too.
         """
         shared, states = self.parts(u)
         ends, count = self.ends, self.count

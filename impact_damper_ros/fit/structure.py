@@ -3,17 +3,17 @@
 Frequency and damping of a structure without its damper, from a ring-down or a sweep.
 
 A ring-down is y = e^(-zeta w t) (a cos w_d t + b sin w_d t) + c, whichever of displacement,
-velocity and acceleration was measured. With a measured force (or base), y is that plus the
-response to it, which is band-limited: the response is that to straight lines between samples whose
-tones are made larger by what the lines take from them. For given w and zeta both are linear in all
-else, so that the likelihood of white noise has its maximum over two unknowns only (variable
-projection [1]_); intervals are those of its curvature there. Noise of the force passes through the
-structure: the residuals are whitened by A/C, with A C/A* C* the spectrum of the noise of both, A
-being the denominator of the response.
+velocity and acceleration was measured. With a measured force (or base), y also has the response to
+this force, which is band-limited: the response is computed for straight lines between samples,
+whose tones are amplified by the loss of the lines. For given w and zeta both are linear in all
+other unknowns, so that the likelihood of white noise has its maximum over two unknowns only
+(variable projection [1]_); intervals are those of its curvature there. Noise of the force passes
+through the structure: the residuals are whitened by A/C, with A C/A* C* the spectrum of the noise
+of both, A being the denominator of the response.
 
-Whether the structure is linear with viscous damping is seen in parts of some cycles: each has a
-damping ratio and a frequency of its own, with their deviations, at its own amplitude. A slope of
-either over the logarithm of the amplitude says that it is not.
+Parts of some cycles show whether the structure is linear with viscous damping: each part gives a
+damping ratio and a frequency, with their deviations, at its amplitude. A slope of either over the
+logarithm of the amplitude shows that it is not.
 
 References
 ----------
@@ -44,23 +44,23 @@ Mask = NDArray[np.bool_]
 
 #: Fewest cycles of a ring-down, and of a part of it; most parts.
 _LEAST_CYCLES, _CYCLES_IN_PART, _MOST_PARTS = 4.0, 3.0, 10
-#: Most samples in a row of a force or base that a line may stand for.
+#: Most consecutive samples of a force or base that a line may replace.
 _MOST_MISSING = 2
 #: A part is used whose amplitude is above so many standard deviations of the noise.
 _ABOVE_NOISE = 4.0
-#: A change over the amplitude counts if chance makes it in one of ten thousand cases, and if it is
-#: larger than this part of the value.
+#: Threshold of a change over the amplitude: significance 1e-4, and part of the value.
 _RARE = float(chdtri(1, 1e-4))
 _LEAST_CHANGE = {'damping_ratio': 0.05, 'frequency': 0.002}
-#: ... or if two parts differ by so many standard deviations; a change by this part of the damping
-#: ratio is more than a structure has of itself.
+#: Standard deviations by which two parts differ if the change is significant; part of the damping
+#: ratio beyond which a change is not that of a usual structure.
 _APART, _DAMPER = 6.0, 0.5
 _DEVIATIONS = {'damping_ratio': 'damping_deviation', 'frequency': 'frequency_deviation'}
 _UNITS = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
-#: Largest mean square of the residual over that of the noise, of long records; and what chance
-#: adds to it in n samples, times sqrt(n).
+#: Largest mean square of the residual over that of the noise, for long records; and its random
+#: part in n samples, times sqrt(n).
 _MOST_CHI_SQUARED, _CHANCE = 1.2, 7.0
-#: How far the gain of the base may be from 1: sensors of vibration are known to some 10 %.
+#: Largest deviation of the gain of the base from 1: the uncertainty of vibration sensors is about
+#: 10 %.
 _GAIN = 0.2
 #: Terms of a series; bounds of the logarithm of the noise of the drive at resonance, over that of
 #: the motion, by how much it must raise twice the logarithm of the likelihood, and rounds of it;
@@ -82,22 +82,22 @@ class Part(NamedTuple):
 
 class StructureFit(NamedTuple):
     """
-    What a measurement says of a structure.
+    A structure by a measurement.
 
     Attributes
     ----------
     accepted : bool
         Whether the structure is linear with viscous damping, as far as the data show.
     reasons : list of str
-        Why not.
+        Why the fit is not accepted.
     kind : {'ring-down', 'force', 'base'}
-        What was measured.
+        Kind of the measurement.
     frequency, damping_ratio : Estimate
         Natural frequency (without damping), Hz, and damping ratio.
     mass : Estimate or None
         Modal mass, kg, where the force was measured.
     correlation : float
-        Of frequency and damping ratio.
+        Correlation of frequency and damping ratio.
     chi_squared : float
         Mean square of the residual over that of the noise.
     fit_percent : float
@@ -107,13 +107,14 @@ class StructureFit(NamedTuple):
     noise : float
         Standard deviation of the noise, in the unit of the motion.
     parts : tuple of Part
-        Of a ring-down.
+        Parts of a ring-down.
     data : MeasuredMotion
         The part of the data that was used.
     fitted : ndarray
         The motion at the times of `data`.
     input_noise : float
-        Standard deviation of the noise of the force or base, in its unit; 0 where none is seen.
+        Standard deviation of the noise of the force or base, in its unit; 0 where none is
+        detected.
 
     Examples
     --------
@@ -143,7 +144,7 @@ class StructureFit(NamedTuple):
     input_noise: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the fit for JSON."""
         parameters = {
             'natural_frequency': self.frequency.as_dict(),
             'damping_ratio': self.damping_ratio.as_dict(),
@@ -169,7 +170,7 @@ class StructureFit(NamedTuple):
 
 
 class _Solution(NamedTuple):
-    """The most likely w and zeta, what is linear in them, and their covariance."""
+    """The most likely w and zeta, the linear unknowns, and the covariance."""
 
     place: Array
     linear: Array
@@ -180,7 +181,7 @@ class _Solution(NamedTuple):
 
 
 _Basis = Callable[[Array], Array]
-#: What makes residuals white, at a place.
+#: Filter that makes residuals white, at a place.
 _Filter = Callable[[Array, Array], Array]
 
 
@@ -188,7 +189,7 @@ def _solve(
     basis: _Basis, motion: Array, used: Mask, start: Array, whitened: _Filter | None = None
 ) -> _Solution:
     """
-    Return the most likely solution from a start; `basis` has what is linear as columns.
+    Return the most likely solution from a start; `basis` has the linear terms as columns.
 
     With a filter `motion` has no missing samples.
     """
@@ -261,8 +262,8 @@ def _as_lines(drive: Array) -> Array:
     """
     Return samples whose joining lines have the tones of a band-limited drive.
 
-    Lines take sin^2(a)/a^2 of a tone that turns by 2 a in a step; a^2/sin^2(a) is a series in
-    sin^2(a), and this is a second difference over -4.
+    Lines keep sin^2(a)/a^2 of a tone that turns by 2 a in a step; a^2/sin^2(a) is a series in
+    sin^2(a), which is a second difference over -4.
     """
     padded = np.pad(drive, 2 * _TERMS, 'reflect', reflect_type='odd')
     total, factor = padded.copy(), 1.0
@@ -275,23 +276,23 @@ def _as_lines(drive: Array) -> Array:
 
 
 class _Driven:
-    """The response to a measured force or base, as columns: to it, free vibrations, offset."""
+    """Columns of the response to a measured force or base: driven, free vibrations, offset."""
 
     def __init__(self, data: MeasuredMotion, drive: Array, kind: str) -> None:
         self._data, self._drive, self._lines = data, drive, _as_lines(drive)
         self._base = kind == 'base'
 
     def _system(self, place: Array) -> tuple[Array, Array, float]:
-        """Return numerator and denominator by steps, and what passes at once."""
+        """Return numerator and denominator by steps, and the direct term."""
         omega, zeta = float(place[0]), float(place[1])
         below = (1.0, 2.0 * zeta * omega, omega * omega)
         above = (0.0, *below[1:]) if self._base else _RESPONSES[self._data.quantity]
-        # In balanced states, whose coefficients are of one size
+        # In balanced states, whose coefficients have one size
         feed = above[0]
         first, second = (above[k] - feed * below[k] for k in (1, 2))
         a = np.array([[-below[1], -omega], [omega, 0.0]])
         b, c = np.array([[1.0], [0.0]]), np.array([[first, second / omega]])
-        # scipy.signal takes long to load, and a ring-down does without it
+        # scipy.signal takes long to load, and a ring-down does not need it.
         system = scipy.signal.cont2discrete(
             (a, b, c, np.zeros((1, 1))), self._data.interval, 'foh'
         )
@@ -312,9 +313,9 @@ class _Driven:
 
     def filter(self, share: float) -> _Filter:
         """
-        Return what whitens noise of the motion with that of the drive.
+        Return the filter that whitens noise of the motion with that of the drive.
 
-        The latter gives at resonance `share` times the deviation of the former.
+        At resonance the noise of the drive has `share` times the deviation of that of the motion.
         """
 
         def whiten(place: Array, columns: Array) -> Array:
@@ -325,7 +326,7 @@ class _Driven:
         return whiten
 
     def size(self, logarithm: float, place: Array, left: Array) -> float:
-        """Return the logarithm of the square of residuals as a filter leaves them."""
+        """Return the logarithm of the square of filtered residuals."""
         white = self.filter(math.exp(logarithm))(place, left)
         return float(np.log(white @ white))
 
@@ -344,7 +345,7 @@ class _Driven:
         return noise_of(self._drive)
 
     def noise(self, place: Array, share: float) -> float:
-        """Return the deviation of the noise of the motion over that of what is white."""
+        """Return the deviation of the noise of the motion over that of the white residuals."""
         return 1.0 / math.sqrt(self._factors(place, share)[2])
 
 
@@ -352,7 +353,7 @@ def _solved_with_noise(
     basis: _Driven, data: MeasuredMotion, plain: _Solution
 ) -> tuple[_Solution, float]:
     """
-    Return a solution with the noise of the drive, and the share of that at resonance.
+    Return a solution with noise of the drive, and the share of that noise at resonance.
 
     The noise is the roughness of the drive, unless the residuals contradict: then the drive itself
     is rough, and its noise is what the residuals show.
@@ -392,21 +393,21 @@ def _peak(values: Array, step: float) -> float:
 
 
 def _filled_motion(data: MeasuredMotion) -> Array:
-    """Return the motion with samples that are not used put in by a line."""
+    """Return the motion with lines in place of unused samples."""
     places = np.arange(len(data.time))
     filled: Array = np.interp(places, places[data.used], data.motion[data.used])
     return filled
 
 
 def _filled_drive(data: MeasuredMotion, drive: Array, kind: str) -> Array:
-    """Return a force or base with few missing samples put in by a line: all before acts on."""
+    """Return a force or base with lines in place of few missing samples: earlier values matter."""
     there = np.flatnonzero(np.isfinite(drive))
     longest = int(np.argmax(np.diff(there)))
     last, following = there[longest : longest + 2]
     if following - last > _MOST_MISSING + 1:
         raise ValueError(
             f'{data.source}: the {kind} is not known from {data.time[last]:.6g} to '
-            f'{data.time[following]:.6g} s, and what it does there acts on: cut the record there, '
+            f'{data.time[following]:.6g} s, and its values matter later: cut the record there, '
             'with --from or --to'
         )
     filled: Array = np.interp(np.arange(len(drive)), there, drive[there])
@@ -414,7 +415,7 @@ def _filled_drive(data: MeasuredMotion, drive: Array, kind: str) -> Array:
 
 
 def _release(data: MeasuredMotion) -> float:
-    """Return from which instant on M vibrates freely: once it moves most, and half a cycle."""
+    """Return the instant of free vibration: half a cycle after the largest motion."""
     motion, step = _filled_motion(data), data.interval
     period = 1.0 / _peak(motion, step)
     window = max(4, round(period / step))
@@ -428,12 +429,12 @@ def _release(data: MeasuredMotion) -> float:
     mean = (total[window:] - total[:-window]) / window
     spread = np.sqrt(np.maximum(0.0, (squares[window:] - squares[:-window]) / window - mean**2))
     begin = int(np.argmax(spread >= 0.95 * spread.max()))
-    # A record that begins within the vibration is used from its beginning on
+    # A record that begins within the vibration is used from its beginning on.
     return float(data.time[begin] + (0.5 * period if begin > window // 8 else 0.0))
 
 
 def _noise_of(residual: Array) -> float:
-    """Return the standard deviation of white noise under what is slow, by fourth differences."""
+    """Return the standard deviation of white noise under a slow signal, by fourth differences."""
     bend = np.diff(residual, 4)
     return float(np.sqrt(np.mean(bend**2) / 70.0))
 
@@ -451,7 +452,7 @@ def _parts(data: MeasuredMotion, whole: _Solution) -> list[Part]:
     period = 2.0 * math.pi / omega
     span = data.time[-1] - data.time[0]
     first = float(np.hypot(*whole.linear[:2]))
-    # ... until it is lost in the noise
+    # Parts end where the vibration is below the noise.
     if zeta > 0.0 and first > _ABOVE_NOISE * whole.deviation:
         lost = math.log(first / (_ABOVE_NOISE * whole.deviation)) / (zeta * omega)
         span = min(span, lost)
@@ -487,7 +488,7 @@ def _parts(data: MeasuredMotion, whole: _Solution) -> list[Part]:
 
 
 def _changing(parts: list[Part], name: str, unit: str) -> str:
-    """Return that a quantity is not constant; an empty text if it is."""
+    """Return the sentence on a quantity that is not constant; an empty text if it is."""
     if len(parts) < 3:
         return ''
     size, value, deviation = np.array(
@@ -499,7 +500,7 @@ def _changing(parts: list[Part], name: str, unit: str) -> str:
         best = np.polyfit(np.log(size), value, degree, w=1.0 / deviation)
         return float(np.sum(((np.polyval(best, np.log(size)) - value) / deviation) ** 2))
 
-    # A slope that chance may make of what scatters more than its deviation says is none
+    # With scatter beyond the deviations a slope may be random, and counts as none.
     scatter = max(1.0, chi_squared(1) / (len(parts) - 2))
     most, least = int(size.argmax()), int(size.argmin())
     how = 'changes with the amplitude'
@@ -615,9 +616,9 @@ def _judge(
     data: MeasuredMotion, kind: str, solution: _Solution, noises: tuple[float, float]
 ) -> StructureFit:
     """
-    Return the result with what is wrong with it.
+    Return the result with its faults.
 
-    `noises` are that of the motion, over that of the white residual, and that of the drive.
+    `noises` are those of the motion, over the white residual, and of the drive.
     """
     omega, zeta = map(float, solution.place)
     deviations = np.sqrt(np.diag(solution.covariance))
@@ -683,7 +684,7 @@ def _judge(
 
 
 def _where_worst(data: MeasuredMotion, fitted: Array) -> float:
-    """Return around which instant the residual is largest, s."""
+    """Return the instant around which the residual is largest, s."""
     square = np.where(data.used, data.motion - fitted, 0.0) ** 2
     window = max(4, len(square) // 20)
     total = np.cumsum(np.concatenate([[0.0], square]))

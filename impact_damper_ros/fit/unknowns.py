@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What is fitted: the parameters that all flights share, and where each of them stands.
+The shared unknowns of a fit: parameters of all flights, and their places.
 
 Restitution enters by alpha = (M + m)/(m (1 + R)), in which the laws are linear: a jump J of X'
 comes from an approach at alpha J. Where R falls with the speed, alpha is that of R(0). Friction
@@ -21,22 +21,22 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .vibration import Array
 
-#: What may be fitted beside the rig: the offset of the sensor, by how much the force is late, and
-#: 1/v_c of the law of restitution, s/m.
+#: Further unknowns: the offset of the sensor, the delay of the force, and 1/v_c of the law of
+#: restitution, s/m.
 EXTRAS = ('bias', 'force_delay', 'slowness')
-#: A slowness that is zero, s/m: derivatives by it are taken here.
+#: A slowness that counts as zero, s/m, where derivatives by the slowness are taken.
 _NO_SLOWNESS = 1e-8
 
 
 class Constant(NamedTuple):
-    """A constant of the file: its relative standard deviation, and what another value says."""
+    """A constant of the file: its relative deviation, and the sentence on another value."""
 
     uncertainty: float
     meaning: str
 
 
-#: Constants of the file that are not fitted unless asked for. All masses and forces may be larger
-#: by one factor, so that M is the measure of the others.
+#: Constants of the file, which are fitted on request only. All masses and forces are determined to
+#: a common factor: M is their measure.
 CONSTANTS = {
     'damper_mass': Constant(0.005, 'm differs from the file, which --also damper_mass fits'),
     'primary_mass': Constant(0.0, 'M differs from the file, which --also primary_mass fits'),
@@ -55,7 +55,7 @@ def scaled_constant(rig: RigParameters, name: str, part: float) -> RigParameters
 
 
 def later(rig: RigParameters, delay: float) -> RigParameters:
-    """Return a rig whose force and base come later by a delay, s."""
+    """Return a rig whose force and base are delayed, s."""
     if not delay:
         return rig
     changes = {}
@@ -71,7 +71,7 @@ def later(rig: RigParameters, delay: float) -> RigParameters:
 
 
 class Fall(NamedTuple):
-    """How restitution falls, as `bounce` takes it."""
+    """The fall of restitution, in the form for `bounce`."""
 
     restitution_slowness: float
     restitution_exponent: float
@@ -84,14 +84,14 @@ class Unknowns(NamedTuple):
     Attributes
     ----------
     rig : RigParameters
-        What is known: masses, force, angle.
+        The known parameters: masses, force, angle.
     separate : bool
-        Whether each stop has a restitution of its own.
+        Whether the stops have different restitutions.
     extras : tuple of str
-        Further ones, of `EXTRAS`.
+        Further unknowns, of `EXTRAS`.
     uncertain : mapping
-        Relative standard deviations of constants that are not those of `CONSTANTS`; infinite for
-        one that is fitted.
+        Relative standard deviations of constants that differ from those of `CONSTANTS`; infinite
+        for a fitted constant.
     """
 
     rig: RigParameters
@@ -107,17 +107,17 @@ class Unknowns(NamedTuple):
         return ('stiffness', 'damping', *alphas, *grip, 'gap', *self.extras)
 
     def column(self, name: str) -> int:
-        """Return where an unknown stands; -1 if it is not one."""
+        """Return the place of an unknown; -1 if it is not fitted."""
         return self.names.index(name) if name in self.names else -1
 
     def value(self, shared: Array, name: str) -> float:
-        """Return the value of an unknown, or what it is where it is not fitted."""
+        """Return the value of an unknown, or its fixed value where it is not fitted."""
         if name in self.names:
             return float(shared[self.names.index(name)])
         return 0.0
 
     def alpha_columns(self) -> tuple[int, int]:
-        """Return where the alpha of stop 1 and of stop 2 stands."""
+        """Return the places of the alpha of stop 1 and of stop 2."""
         first = self.names.index('alpha_1')
         return first, first + self.separate
 
@@ -174,7 +174,7 @@ class Unknowns(NamedTuple):
         return there, part * (there / alpha) ** 2, by_fall / speed, by_fall / slowness
 
     def rig_of(self, shared: Array, least_grip: float = 0.0) -> RigParameters:
-        """Return the rig of shared unknowns; values that no rig has are put to the nearest."""
+        """Return the rig of shared unknowns; inadmissible values are set to the nearest."""
         first, second = self.alpha_columns()
         grip = max(self.value(shared, 'grip'), least_grip)
         slowness = self.value(shared, 'slowness')
