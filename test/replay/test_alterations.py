@@ -1,4 +1,4 @@
-"""What is wrong in a log is noticed, or its topic is named; what is right is not with_doubts."""
+"""What is wrong in a log is noticed, or its topic is named; what is right is not doubted."""
 
 from functools import cache
 
