@@ -66,14 +66,14 @@ _SAVED, _CLEARLY, _AS_GOOD = 0.15, 0.5, 0.95
 #: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
 _SECOND_MODE = 'second mode'
 _MODE_RATIOS, _MODE_DAMPING = np.geomspace(1.15, 6.0, 42), 0.02
-#: Chance that a constant of a file is wrong, unless its uncertainty is given, and then by which
-#: part: so many are, as masses include what was forgotten, and forces what was not calibrated.
+#: Chance that a constant of a file is wrong, unless its uncertainty is given, and the part by
+#: which it is wrong then: a mass may lack a forgotten part, a force its calibration.
 _DOUBT, _WRONG_BY = 0.2, 0.1
 _NO_INFORMATION = 1e-300
-#: A further parameter beyond this many standard deviations is one that the model lacks; one at so
-#: many is as likely as none.
+#: Standard deviations beyond which a further parameter is missing in the model, and at which it is
+#: as likely as none.
 MOST_Z, _EVEN = 4.0, 3.5
-#: Cases that are less likely than this are outside intervals of 95 %.
+#: Probability below which cases are outside intervals of 95 %.
 _OUTSIDE = 0.05
 
 
@@ -205,7 +205,7 @@ class Evidence(NamedTuple):
         """
         Return each further parameter by one step, the most significant first.
 
-        One fault is tried at a time: but for it the file is right, to its uncertainty.
+        One fault is tried at a time: otherwise the file is right within its uncertainty.
         """
         since = np.array([moved.get(one.name, 0.0) for one in self.columns])
         found = []
@@ -218,7 +218,7 @@ class Evidence(NamedTuple):
             found.append(Candidate(column.name, value, deviation, column.unit, column.meaning))
         found.sort(key=lambda one: -abs(one.z))
         modes = [one for one in found if one.name.startswith(_SECOND_MODE)]
-        # A part of the mobility is positive
+        # A part of the mobility is positive.
         less = [one for one in modes if one.value < 0.0]
         best = [one for one in modes if one not in less]
         return [one for one in found if one not in less and one not in best[1:]]
@@ -237,8 +237,8 @@ class Evidence(NamedTuple):
         """
         Return the covariance of the shared unknowns and of the uncertain constants.
 
-        Each of the candidates may be right, by how likely it makes the record: the estimates would
-        be others then.
+        Each candidate may be right, with the probability by the record, and would change the
+        estimates.
         """
         since = np.array([moved.get(one.name, 0.0) for one in self.columns])
         free, names = self.uncertain(), [one.name for one in self.columns]
@@ -416,7 +416,7 @@ def constant_columns(shooting: Shooting, solution: FitSolution) -> list[Paramete
         if other is not None:
             uncertainty = unknowns.uncertain.get(name, constant.uncertainty)
             varied = _derivatives(shooting, solution, other, _STEP)
-            # Who gives an uncertainty vouches for it
+            # A given uncertainty is taken as right.
             doubt = 0.0 if name in unknowns.uncertain else _DOUBT
             found.append(ParameterColumn(name, '', constant.meaning, *varied, uncertainty, doubt))
     return found

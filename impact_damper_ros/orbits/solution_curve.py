@@ -238,7 +238,7 @@ class Steps:
                     f'{" and ".join(f"{v:.9g}" for v in ends)}: give start, where it returns that'
                 )
             value = values[0]
-        if not self.holds(value):
+        if not self.contains(value):
             raise OrbitError(
                 f'{self.name} is {value:.9g} where the branch begins: give a range around that, '
                 f'not {self.low:.9g} to {self.high:.9g}'
@@ -267,7 +267,7 @@ class Steps:
         assert spec.high is not None
         return self.low, self.high, spec.low, spec.high
 
-    def holds(self, value: float) -> bool:
+    def contains(self, value: float) -> bool:
         """Return whether a value is within the range."""
         return self.low <= value <= self.high
 
