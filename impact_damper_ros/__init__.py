@@ -59,13 +59,13 @@ if TYPE_CHECKING:
         find_orbits as find_orbits,
     )
     from .orbits.settled_motion import SettledMotion as SettledMotion, settle as settle
-    from .orbits.solution_curve import value_of as value_of, with_value as with_value
     from .orbits.solved_orbits import (
         orbit_near as orbit_near,
         transmissibility as transmissibility,
     )
     from .orbits.starts import ImpactEquations as ImpactEquations
     from .orbits.transmissibility import Transmissibility as Transmissibility
+    from .orbits.varied_parameter import value_of as value_of, with_value as with_value
     from .parameters.gap_control_parameters import GapControlParameters as GapControlParameters
     from .parameters.parameter_spec import (
         ParameterError as ParameterError,

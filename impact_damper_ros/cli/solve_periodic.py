@@ -22,9 +22,9 @@ from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
 from impact_damper_ros.orbits.search import SAME, OrbitSearch, find_orbits
 from impact_damper_ros.orbits.settled_motion import SettledMotion, settle
-from impact_damper_ros.orbits.solution_curve import value_of
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import Transmissibility
+from impact_damper_ros.orbits.varied_parameter import value_of
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import PARAMETER_SPECS, RigParameters

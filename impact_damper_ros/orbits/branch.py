@@ -20,8 +20,9 @@ from impact_damper_ros.parameters.quoting import plural, quote, similar_names
 from .arclength import CONVERGED, FARTHER, NEARER
 from .orbit import PeriodicOrbit, stability_of
 from .search import SAME
-from .solution_curve import BranchPoint as BranchPoint, Piece, number_of
+from .solution_curve import BranchPoint as BranchPoint, Piece
 from .solved_orbits import performed_near
+from .varied_parameter import number_of
 
 
 class SpecialKind(Enum):

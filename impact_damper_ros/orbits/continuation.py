@@ -52,8 +52,9 @@ from .arclength import (
 from .arguments import OrbitError
 from .branch import CLOSES, END, NONE_NEARBY, POINTS, Branch, SpecialKind, SpecialPoint
 from .orbit import PeriodicOrbit
-from .solution_curve import BranchPoint, Path, SolutionCurve, Steps, range_of
+from .solution_curve import BranchPoint, SolutionCurve
 from .solved_orbits import performed_near
+from .varied_parameter import Path, Steps, range_of
 
 #: Largest error of a multiplier at a special point, and at a guess of one.
 _NEAR = 1e-3

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from impact_damper_ros.orbits.branch import Branch, SpecialKind
-from impact_damper_ros.orbits.solution_curve import spec_of
+from impact_damper_ros.orbits.varied_parameter import spec_of
 
 from .drawing import (
     COLORS,

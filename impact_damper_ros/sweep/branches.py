@@ -13,8 +13,8 @@ from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.orbits.branch import Branch
 from impact_damper_ros.orbits.continuation import follow
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
-from impact_damper_ros.orbits.solution_curve import Path
 from impact_damper_ros.orbits.solved_orbits import orbit_near
+from impact_damper_ros.orbits.varied_parameter import Path
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .grid import Grid

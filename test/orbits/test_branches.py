@@ -18,7 +18,7 @@ from impact_damper_ros import (
     switch_branch,
     value_of,
 )
-from impact_damper_ros.orbits.solution_curve import with_value
+from impact_damper_ros.orbits.varied_parameter import with_value
 from orbits.begun_rigs import begun_on
 
 #: A W^2/g of the vertical rig for a force of 1 N
