@@ -162,8 +162,8 @@ class Pacer:
 
 
 ORDINARY = 'ordinary'
-#: By how much later Linux may wake an ordinary thread, ns, to wake others with it: 50 us, unless a
-#: thread says otherwise; and how it says so.
+#: Timer slack of ordinary threads, ns, which is 50 us on Linux unless it is set; and the
+#: option of prctl that sets it.
 _SLACK_NS, _PR_SET_TIMERSLACK = 1, 29
 
 

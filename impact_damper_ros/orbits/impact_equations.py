@@ -38,7 +38,7 @@ from .closed_flights import (
     unit_of_unknown,
 )
 
-_HALF_TURN = 3.141592653589793
+HALF_TURN = 3.141592653589793
 
 
 @kernel
@@ -92,15 +92,26 @@ def write_velocities(problem: Problem) -> None:
 
 
 @kernel
+def share_of_leaving(problem: Problem, j: int, after: bool) -> float:
+    """
+    Return the share of m's velocity just after an impact in that of M before or after it.
+
+    The rest is the share of m's velocity just before the impact.
+    """
+    share: float = problem.table[j, FROM_AFTER]
+    if after:
+        share *= 1.0 - problem.table[j, SLIDE]
+    return share
+
+
+@kernel
 def add_velocity(problem: Problem, row: int, j: int, factor: float, after: bool) -> None:
     """Add the velocity of M before or after an impact to a row of the linear equations."""
     sheet, table = problem.sheet, problem.table
     count = len(problem.nodes)
     last, late = (j - 1 if j > 0 else count - 1), (j + 1) % count
-    leaving, arriving = table[j, FROM_AFTER], 1.0 - table[j, FROM_AFTER]
-    if after:
-        leaving *= 1.0 - table[j, SLIDE]
-        arriving = 1.0 - leaving
+    leaving = share_of_leaving(problem, j, after)
+    arriving = 1.0 - leaving
     span = table[j, SPAN]
     part = factor * leaving
     sheet[row, late] += part / span
@@ -169,8 +180,8 @@ def write_linear_system(problem: Problem) -> int:
     rate = sqrt(sheet[RIG, STIFFNESS] / sheet[RIG, MASS])
     for j in range(count):
         ahead_x, ahead_v = fly_from_rest(problem, j, 0.0)
-        aside_x, aside_v = fly_from_rest(problem, j, 0.5 * _HALF_TURN)
-        back_x, back_v = fly_from_rest(problem, j, _HALF_TURN)
+        aside_x, aside_v = fly_from_rest(problem, j, 0.5 * HALF_TURN)
+        back_x, back_v = fly_from_rest(problem, j, HALF_TURN)
         add_flight(problem, first, j)
         for k in range(2):
             row = first + j + k * count

@@ -32,10 +32,9 @@ from .closed_flights import (
     Problem,
     matrix_row,
 )
-from .impact_equations import set_coefficients, write_linear_system, write_velocities
+from .impact_equations import HALF_TURN, set_coefficients, write_linear_system, write_velocities
 from .variable_projection import approach_roots
 
-_HALF_TURN = 3.141592653589793
 #: A smaller W, relative to the vector, counts as zero.
 _VANISHING = 1e-12
 #: Number of places of a scan that approach an end of the period.
@@ -199,7 +198,7 @@ def add_symmetric_starts(problem: Problem, starts: Any) -> int:
     """
     sheet = problem.sheet
     sheet[PLACE, 3] = 0.0
-    sheet[PLACE, 7] = 0.5 * _HALF_TURN * 2.0 * sheet[UNITS, CYCLES]
+    sheet[PLACE, 7] = 0.5 * HALF_TURN * 2.0 * sheet[UNITS, CYCLES]
     first = write_linear_system(problem)
     for i in range(2):
         row = first + 2 * i
@@ -220,7 +219,7 @@ def look(problem: Problem, share: float) -> tuple[float, float]:
     """
     sheet = problem.sheet
     sheet[PLACE, 3] = 0.0
-    sheet[PLACE, 7] = share * 2.0 * _HALF_TURN * sheet[UNITS, CYCLES]
+    sheet[PLACE, 7] = share * 2.0 * HALF_TURN * sheet[UNITS, CYCLES]
     write_linear_system(problem)
     scale_system(problem, 4, 5)
     product = eliminate(problem, 4, 5)

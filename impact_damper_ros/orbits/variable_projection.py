@@ -27,7 +27,6 @@ from .closed_flights import (
     DECAY,
     DERIVATIVE,
     END,
-    FROM_AFTER,
     HALF,
     INSTANT,
     LENGTH,
@@ -36,7 +35,6 @@ from .closed_flights import (
     RATE_END,
     RATE_START,
     RIG,
-    SLIDE,
     SPACE,
     SPAN,
     STEP,
@@ -55,6 +53,7 @@ from .impact_equations import (
     add_flight,
     begin_system,
     damper_velocities,
+    share_of_leaving,
     velocity_after,
     write_velocities,
 )
@@ -143,9 +142,7 @@ def add_derivative(problem: Problem, line: int, j: int, factor: float, after: bo
     count = len(problem.nodes)
     column = count + 3
     last, late = (j - 1 if j > 0 else count - 1), (j + 1) % count
-    share = table[j, FROM_AFTER]
-    if after:
-        share *= 1.0 - table[j, SLIDE]
+    share = share_of_leaving(problem, j, after)
     leaving, _ = damper_velocities(problem, j)
     slope = -factor * share * (leaving / table[j, SPAN] + 2.0 * table[j, HALF])
     sheet[line, column + late] += slope
