@@ -13,8 +13,6 @@ from itertools import groupby, pairwise
 from operator import attrgetter
 from typing import Any, NamedTuple, overload
 
-import numpy as np
-
 from impact_damper_ros.parameters.quoting import plural, quote, similar_names
 
 from .arclength import CONVERGED, FARTHER, NEARER
@@ -170,6 +168,7 @@ def _measure(name: str) -> Callable[[BranchPoint], float]:
 
 #: Error of the place of the best motion, as a share of a step of the branch.
 _NARROW = 1e-6
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True)
@@ -369,8 +368,6 @@ class Branch:
         ValueError
             If motions have no such number.
         """
-        from scipy.optimize import minimize_scalar
-
         size = _measure(measure) if isinstance(measure, str) else _of_orbit(measure)
         fit = [point for point in self.points if point.performed]
         if not fit:
@@ -392,15 +389,17 @@ class Branch:
                 best = point
             return size(point)
 
-        if sides:
-            # Where there is no motion the size is infinite, which ends a parabola.
-            with np.errstate(invalid='ignore'):
-                minimize_scalar(
-                    size_at,
-                    bounds=(0.0, float(len(sides))),
-                    method='bounded',
-                    options={'xatol': _NARROW},
-                )
+        # scipy.optimize takes longer to load than the search of a whole design.
+        low, high = 0.0, float(len(sides))
+        one, other = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        sizes = [size_at(one), size_at(other)] if sides else []
+        while high - low > _NARROW:
+            if sizes[0] < sizes[1]:
+                high, other, one = other, one, other - _GOLDEN * (other - low)
+                sizes = [size_at(one), sizes[0]]
+            else:
+                low, one, other = one, other, one + _GOLDEN * (high - one)
+                sizes = [sizes[1], size_at(other)]
         return best
 
     def change_at(self, orbit: PeriodicOrbit) -> str:

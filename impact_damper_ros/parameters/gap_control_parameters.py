@@ -15,7 +15,7 @@ from .parameter_spec import (
 )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class GapControlParameters(ParameterTable):
     """
     Parameters of the gap control: the law that moves the stops, its sensors and its actuators.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from .parameter_spec import ParameterSpec, ParameterTable, flag, numeric, specs_of, text
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class NodeSettings(ParameterTable):
     """How the node runs a rig, publishes and records it."""
 

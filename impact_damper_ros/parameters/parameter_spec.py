@@ -378,7 +378,6 @@ def specs_of(table: type) -> dict[str, ParameterSpec]:
 class ParameterTable:
     """Values of the parameters that a frozen dataclass declares; checked when it is made."""
 
-    __slots__ = ()
     #: The object of the parameters, as messages name it.
     _owner: ClassVar[str] = ''
     #: Remedy for a name that is no parameter.
@@ -412,11 +411,10 @@ class ParameterTable:
         """
         for name in changes:
             self._check_name(name)
-        table = object.__new__(type(self))
-        for name, spec in specs_of(type(self)).items():
-            # Values that do not change have been checked.
-            value = spec.check(changes[name]) if name in changes else getattr(self, name)
-            object.__setattr__(table, name, value)
+        known, table = specs_of(type(self)), object.__new__(type(self))
+        # Values that do not change have been checked.
+        values = {name: getattr(self, name) for name in known}
+        vars(table).update(values, **{name: known[name].check(changes[name]) for name in changes})
         table._check()
         return table
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Self
 
@@ -35,7 +36,7 @@ MOST_STEPS = 100_000
 _MOST_FORCE = 1e12
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class RigParameters(ParameterTable):
     """
     One rig: a primary mass on spring and dashpot, a loose mass in its gap, and the force.
@@ -349,14 +350,14 @@ class RigParameters(ParameterTable):
                 f'{low:g} rad/s or {name}_low less than {high:g} rad/s, or both at once',
             )
 
-    @property
+    @cached_property
     def base_motion(self) -> BaseMotion:
         """Displacement of the base, as lines, whatever quantity base_amplitudes give."""
         return BaseMotion.of(
             self.base_amplitudes, self.base_frequencies, self.base_phases, self.base_quantity
         )
 
-    @property
+    @cached_property
     def harmonic_groups(self) -> dict[str, tuple[tuple[float, ...], ...]]:
         """
         Harmonics of the force on M by where they come from, in the order of `harmonics`.
@@ -380,7 +381,7 @@ class RigParameters(ParameterTable):
             )
         return groups
 
-    @property
+    @cached_property
     def harmonics(self) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
         """
         All harmonics of the force on M: amplitudes (N), frequencies (rad/s) and phases (rad).
@@ -400,7 +401,7 @@ class RigParameters(ParameterTable):
             first += len(amplitudes)
         return slice(0, 0)
 
-    @property
+    @cached_property
     def first_harmonic(self) -> tuple[float, float, float]:
         """Amplitude (N), circular frequency (rad/s) and phase (rad) of the first harmonic."""
         amplitudes, frequencies, phases = next(iter(self.harmonic_groups.values()))
@@ -507,7 +508,7 @@ class RigParameters(ParameterTable):
         return self.primary_mass * self.gravity * math.sin(self.angle) / self.stiffness
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class InitialConditions(ParameterTable):
     """
     Where the rig starts, and where a reset puts it.
