@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import atan2, hypot, inf, sqrt
 from typing import Any, NamedTuple
 
 from impact_damper_ros.motion.event import IMPACT, RELEASE_EVENT
@@ -165,9 +165,10 @@ FRAME, SIDE = 15, 6
 #: ... the derivative of the equations, space to solve them, and the derivative at the best place.
 ROWS = FRAME + 3 * SIDE
 DERIVATIVE, SPACE, BEST_DERIVATIVE = range(3)
-#: Units of displacements, m, and velocities, m/s; the period in cycles; and whether only contacts
-#: depend on the parameter.
-LENGTH, SPEED, CYCLES, CONTACTS = range(4)
+#: Units of displacements, m, and velocities, m/s; the period in cycles; whether only contacts
+#: depend on the parameter; and of the path, the lines that have the motion of the base in place of
+#: its force, from one to another, and the derivative of its displacement that they give.
+LENGTH, SPEED, CYCLES, CONTACTS, BASE, BASE_END, BASE_ORDER = range(7)
 EQUATIONS, UNKNOWNS, ROW_OF, UNKNOWN_OF, LEAD = range(5)
 _NEED = 4
 _TURN = 6.283185307179586
@@ -273,11 +274,28 @@ def matrix_row(problem: Problem, number: int) -> int:
 
 
 @kernel
+def pull_by_base(rig: Any, first: int, order: int) -> None:
+    """Make the numbers of a line of the base those of its force, as `BaseMotion.force`."""
+    rate = rig[first + 1]
+    if rig[first] != 0.0:
+        for _ in range(order):
+            rig[first] /= rate
+    if order == 2:
+        rig[first] = -rig[first]
+    elif order == 1:
+        rig[first + 2] -= 0.25 * _TURN
+    rig[first] *= hypot(rig[STIFFNESS], rig[DAMPING] * rate)
+    rig[first + 2] += atan2(rig[DAMPING] * rate, rig[STIFFNESS])
+
+
+@kernel
 def vary(problem: Problem, value: float) -> None:
     """Set the rig of a value of the parameter on the path."""
     sheet = problem.sheet
     for k in range(FIRST_LINE + 3 * problem.moving.constants.harmonics):
         sheet[RIG, k] = sheet[PATH, k] + value * sheet[SLOPE, k]
+    for j in range(int(sheet[UNITS, BASE]), int(sheet[UNITS, BASE_END])):
+        pull_by_base(sheet[RIG], FIRST_LINE + 3 * j, int(sheet[UNITS, BASE_ORDER]))
     if sheet[UNITS, CONTACTS] != 0.0:
         set_contacts(problem.moving.constants, sheet[RIG])
     else:

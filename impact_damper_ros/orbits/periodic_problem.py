@@ -46,6 +46,7 @@ from .arclength import (
     compute,
 )
 from .closed_flights import (
+    BASE_ORDER,
     COLUMNS,
     CONTACTS,
     END,
@@ -277,14 +278,20 @@ class PeriodicProblem:
         )
         return answer
 
-    def set_path(self, start: Array, slope: Array) -> None:
-        """Set the path of rigs along the last unknown: numbers where that is 0, and slopes."""
+    def set_path(self, start: Array, slope: Array, order: int | None = None) -> None:
+        """
+        Set the path of rigs along the last unknown: numbers where that is 0, and slopes.
+
+        Where the numbers have the motion of the base in place of its force, `order` is the
+        derivative of its displacement that they give.
+        """
         self.arrays.sheet[PATH, : len(start)], self.arrays.sheet[SLOPE, : len(slope)] = (
             start,
             slope,
         )
         others = np.concatenate([slope[: DAMPER_MASS + 1], slope[FIRST_LINE:]])
-        self.units[CONTACTS] = not others.any()
+        rows = slice(0, 0) if order is None else self.parameters.base_rows
+        self.units[CONTACTS : BASE_ORDER + 1] = not others.any(), rows.start, rows.stop, order or 0
 
     @cached_property
     def stops(self) -> tuple[int, ...]:

@@ -11,18 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cached_property, partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import FIRST_LINE, FRICTION, GRAVITY, NUMBERS
-from impact_damper_ros.parameters.parameter_spec import (
-    ParameterError,
-)
-from impact_damper_ros.parameters.rig_parameters import (
-    RigParameters,
-)
+from impact_damper_ros.parameters.base_motion import QUANTITIES
+from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arclength import (
     BRANCHING,
@@ -81,12 +79,10 @@ def _own_numbers(name: str, parameters: RigParameters) -> list[int]:
     if name == BOTH_RESTITUTIONS:
         return [NUMBERS.index('restitution_1'), NUMBERS.index('restitution_2')]
     if name in NUMBERS:
-        # Forces that stand for a base depend on its spring and dashpot.
-        on_base = name in ('stiffness', 'damping') and parameters.base_motion.moves
-        return [] if on_base else [NUMBERS.index(name)]
-    line = 'force_amplitudes', 'force_frequencies', 'force_phases'
-    own = name in line and parameters.swept == 'force'
-    return [FIRST_LINE + line.index(name)] if own else []
+        return [NUMBERS.index(name)]
+    shaker = parameters.swept
+    line = f'{shaker}_amplitudes', f'{shaker}_frequencies', f'{shaker}_phases'
+    return [FIRST_LINE + line.index(name)] if name in line else []
 
 
 class BranchPoint:
@@ -198,8 +194,12 @@ class SolutionCurve:
         self._own = _own_numbers(name, self.parameters)
         if self._own:
             start, slope = parameter_numbers(self.parameters), np.zeros(len(self.problem.rig))
+            base, rig = self.parameters.base_rows, self.parameters
+            lines = zip(rig.base_amplitudes, rig.base_frequencies, rig.base_phases, strict=True)
+            if base.stop:
+                start[FIRST_LINE + 3 * base.start :][: 3 * len(rig.base_phases)] = [*chain(*lines)]
             start[self._own], slope[self._own] = 0.0, scale
-            self.problem.set_path(start, slope)
+            self.problem.set_path(start, slope, list(QUANTITIES).index(rig.base_quantity))
         later = orbit.period * np.arange(times)[:, None]
         unknowns = self.problem.unknowns(
             np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()

@@ -411,10 +411,11 @@ class ParameterTable:
         """
         for name in changes:
             self._check_name(name)
-        known, table = specs_of(type(self)), object.__new__(type(self))
-        # Values that do not change have been checked.
-        values = {name: getattr(self, name) for name in known}
-        vars(table).update(values, **{name: known[name].check(changes[name]) for name in changes})
+        table = object.__new__(type(self))
+        for name, spec in specs_of(type(self)).items():
+            # Values that do not change have been checked.
+            value = spec.check(changes[name]) if name in changes else getattr(self, name)
+            object.__setattr__(table, name, value)
         table._check()
         return table
 

@@ -4,6 +4,7 @@ import pytest
 from rigs import TABLE
 
 from impact_damper_ros import OrbitError, Rig, find_orbits, follow, settle
+from impact_damper_ros.parameters.base_motion import QUANTITIES
 
 ON_TABLE = TABLE.replace(gap=0.016, base_amplitudes=2.0)
 
@@ -31,15 +32,18 @@ def test_motions_are_those_under_the_equivalent_force():
     assert min(abs(settled.x_max / x - 1.0) for x in stable) < 1e-6
 
 
-@pytest.mark.parametrize('name', ['base_frequencies', 'stiffness', 'damping'])
-def test_branches_pass_through_the_motions_of_other_rigs(name):
+@pytest.mark.parametrize('order, quantity', [*enumerate(QUANTITIES)])
+@pytest.mark.parametrize('name', ['base_amplitudes', 'base_frequencies', 'stiffness', 'damping'])
+def test_branches_pass_through_the_motions_of_other_rigs(name, order, quantity):
     """The force on M depends on the frequency of the base and on spring and dashpot."""
-    start = next(o for o in find_orbits(ON_TABLE, (1, 2)).orbits if o.stable and o.viable)
-    value = getattr(ON_TABLE, name)
+    place, (rate,) = ON_TABLE.base_motion.amplitudes[0], ON_TABLE.base_frequencies
+    on_table = ON_TABLE.replace(base_quantity=quantity, base_amplitudes=abs(place) * rate**order)
+    start = next(o for o in find_orbits(on_table, (1, 2)).orbits if o.stable and o.viable)
+    value = getattr(on_table, name)
     value = value[0] if isinstance(value, tuple) else value
     branch = follow(start, name, 0.97 * value, 1.03 * value)
     for share in (0.98, 1.02):
-        there = ON_TABLE.replace(**{name: share * value})
+        there = on_table.replace(**{name: share * value})
         expected = {round(o.x_max, 9) for o in find_orbits(forced(there), (1, 2)).orbits}
         found = [orbit.x_max for orbit in branch.at([share * value])[0]]
         assert found
