@@ -15,6 +15,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -153,6 +154,9 @@ def _cell(doc: str | None) -> str:
     return _inline(first).replace('|', r'\|')
 
 
+_PROPERTIES = property, cached_property
+
+
 def _members(cls: type) -> list[tuple[str, Any]]:
     """Return the documented methods and properties of a class; `Rig` has those of its bases."""
     return [
@@ -161,7 +165,7 @@ def _members(cls: type) -> list[tuple[str, Any]]:
         if half is cls or issubclass(half, RigState)
         for name, value in vars(half).items()
         if not name.startswith('_')
-        and isinstance(value, (classmethod, staticmethod, property)) | inspect.isfunction(value)
+        and isinstance(value, (classmethod, staticmethod, *_PROPERTIES)) | inspect.isfunction(value)
         and getattr(value, '__doc__', None)
     ]
 
@@ -170,7 +174,7 @@ def _entry(name: str, thing: Any) -> list[str]:
     """Return signature and docstring of a function, class or property."""
     lines = []
     error = isinstance(thing, type) and issubclass(thing, Exception)
-    if not error and not isinstance(thing, property):
+    if not error and not isinstance(thing, _PROPERTIES):
         full = inspect.signature(getattr(thing, '__func__', thing))
         given = [one for one in full.parameters.values() if one.name != 'self']
         bare = [one.replace(annotation=full.empty) for one in given]

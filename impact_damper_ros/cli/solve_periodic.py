@@ -227,7 +227,7 @@ def _settled_text(found: SettledMotion) -> str:
 def _settled_orbit(given: GivenRig) -> tuple[SettledMotion, PeriodicOrbit]:
     """Return the motion into which a rig settles, and that of theory; or raise CommandError."""
     period_of_force(given.parameters, LONGEST_PERIOD)
-    found = settle(Rig(given.parameters, given.initial))
+    found = settle(Rig(given.parameters, given.initial, compiled=None))
     if found.reason:
         raise CommandError(f'the rig has too many events to settle: {found.reason}', EXIT_NONE)
     if found.kind is not MotionKind.PERIODIC:

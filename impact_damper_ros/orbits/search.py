@@ -485,5 +485,6 @@ def _orbits_with(
     )
     orbits += filter(None, others)
     if symmetric(machine):
-        orbits += [orbit.mirror_image() for orbit in orbits]
+        mirrored = tuple(3 - stop for stop in stops)
+        orbits += [orbit.mirror_image() for orbit in orbits if orbit.shifts(mirrored)]
     return OrbitSearch(tuple(_distinct(orbits, stops)), report.with_guesses(others))
