@@ -121,7 +121,6 @@ def test_a_recording_that_would_not_end_is_refused(tmp_path, capsys):
     assert re.search(
         r'cannot be run on from rig time .*: the rig had \d+ events from', capsys.readouterr().err
     )
-    assert compare_run([str(bag)]) in (0, 1, 2, 3)
 
 
 def test_solve_periodic_leaves_such_a_rig(tmp_path, capsys):

@@ -210,10 +210,10 @@ print(peaks[1] - peaks[0])
 
 def test_long_runs_take_little_memory(tmp_path):
     """An hour's worth is measured by hand."""
-    bags = [str(tmp_path / str(seconds)) for seconds in (2, 20)]
+    bags = [str(tmp_path / str(seconds)) for seconds in (1, 10)]
     for bag in bags:
         words = ('--rate', '1000', '--duration', Path(bag).name, '--quiet', '--bag', bag)
         assert simulate_rig(['bench_rig', *words]) == 0
     with Running(tmp_path, '-c', GROWTH, *bags) as process:
         assert process.wait() == 0, process.output
-    assert float(process.output) < 15
+    assert float(process.output) < 8

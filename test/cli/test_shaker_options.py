@@ -152,7 +152,7 @@ def test_too_short_for_an_average(table, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    'words', ['', '--base-psd psd.csv', '--set sweep_mode=up --change 1:gap=9']
+    'words', ['', '--base-psd psd.csv --psd-lines 20', '--set sweep_mode=up --change 1:gap=9']
 )
 def test_a_motion_is_drawn(words, table, monkeypatch):
     """Where there is no response over frequency; X, Y and the stops at 64 instants a cycle."""

@@ -40,8 +40,12 @@ _LONG = {
     'Rig(rig), cycles=22_000': 'Rig(rig, compiled=None), cycles=22_000',
     'control, law=law)': 'control, law=law, compiled=not law and None)',
 }
-#: Fewer points of a curve, with those that the page prints among them.
-_FEWER = '7.6Hz:12.4Hz:25', '7.6Hz:12.4Hz:7'
+#: Less of the same: points of a curve, with those that the page prints among them; the part of a
+#: record that suffices to refuse a wrong mass.
+_LESS = {
+    '7.6Hz:12.4Hz:25': '7.6Hz:12.4Hz:7',
+    '--set damper_mass=0.06': '--set damper_mass=0.06 --to 4s',
+}
 
 _FENCE = re.compile(r'^```(python|yaml|bash|text)\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 #: What only a shell understands.
@@ -147,8 +151,10 @@ class Reader:
         self.printed = printed.getvalue()
 
     def _bash(self, text):
-        lines = []
-        for line in text.replace('\\\n', ' ').replace(*_FEWER).splitlines():
+        lines, text = [], text.replace('\\\n', ' ')
+        for longer, shorter in _LESS.items():
+            text = text.replace(longer, shorter)
+        for line in text.splitlines():
             words = shlex.split(line, comments=True)
             if words and words[0] in LIVE:
                 self._start(words)

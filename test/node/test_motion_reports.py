@@ -20,7 +20,7 @@ INCLINED = {
     'force_frequencies': '[1.02]',
     # A period takes 6 ms.
     'real_time_factor': 1000.0,
-    'state_rate': 2.0,
+    'state_rate': 1.0,
 }
 TASKS = 'measured motion', 'predicted motion'
 

@@ -23,7 +23,8 @@ def priorities(process):
 
 
 def test_rigs_side_by_side(start, tmp_path, capsys):
-    common = {'record': True, 'bag_directory': str(tmp_path / 'runs'), 'gravity': 0.0}
+    slow = {'state_rate': 20.0}
+    common = {'record': True, 'bag_directory': str(tmp_path / 'runs'), 'gravity': 0.0, **slow}
     left = start(space='/left', real_time_factor=2.0, **common)
     right = start(
         space='/right', publish_clock=True, real_time_priority=3, predict_motion=True, **common
@@ -39,7 +40,7 @@ def test_rigs_side_by_side(start, tmp_path, capsys):
     for rig in (left, right):
         rig.until(lambda rig=rig: clock in rig.process.output)
     # Two nodes of one name report it, in their log and in the diagnostics; set_rig sets neither.
-    other = start(space='/left', **LIVELY)
+    other = start(space='/left', **LIVELY, **slow)
     words = '2 nodes are named /left/sim_node'
     for rig in (left, other):
         rig.until(lambda rig=rig: words in rig.process.output)

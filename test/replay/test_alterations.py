@@ -34,7 +34,7 @@ NOTICED = ReplayVerdict.DIFFERENT, ReplayVerdict.PARTIAL
 KINDS = {
     'requests': lambda: random_run(3, 120),
     'excitation': lambda: requested_run(5, random_excitation),
-    'control': lambda: requested_run(3, ticks=150, control=CONTROL),
+    'control': lambda: requested_run(3, ticks=90, control=CONTROL),
     'orders': lambda: ordered_run(1),
 }
 #: Topics whose numbers a replay compares
@@ -119,9 +119,8 @@ def test_recorded_otherwise(tmp_path):
 
 
 UNALTERED = {
-    'requests': lambda: random_run(30, 1000),
-    'others': lambda: random_run(31, 1000),
-    'quiet': lambda: RecordedRig().start().run(1200).run(1200, ('change', {'gap': 0.012})),
+    'requests': lambda: random_run(30, 600),
+    'quiet': lambda: RecordedRig().start().run(800).run(800, ('change', {'gap': 0.012})),
 }
 
 

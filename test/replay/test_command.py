@@ -11,6 +11,7 @@ from replay.test_replay import replayed
 from rigs import LIVELY
 
 from impact_damper_ros.bag import RecordingError
+from impact_damper_ros.replay import command
 from impact_damper_ros.replay.findings import ReplayVerdict
 from impact_damper_ros.replay.replay import Replay
 from impact_damper_ros.replay.run import RecordedRun
@@ -84,7 +85,8 @@ def test_snapshots(tmp_path, messages, change, words):
     assert len(str(caught.value)) < 3000
 
 
-def test_flights_that_end_before_or_take_hours_to_search(tmp_path, messages):
+def test_flights_that_end_before_or_take_hours_to_search(tmp_path, messages, monkeypatch):
+    monkeypatch.setattr(command, '_MOST_LOOKS', 2000)
     quiet = RecordedRig(LIVELY.replace(gap=100.0), rate=50.0).start().run(20).messages
     for name, run, words in (
         ('over', messages, 'ends at -999999'),
