@@ -395,9 +395,8 @@ function $record(kind, names) {
     return new this(...names.map((name) => values[name]));
   };
   kind._make = function made(values) { return new this(...$iterable(values)); };
-  kind.prototype._replace = function changed(values) {
-    return Object.assign(Object.create(Object.getPrototypeOf(this)), this, values);
-  };
+  // By its constructor, so that all records of a class have one shape and kernels are compiled for it once
+  kind.prototype._replace = function changed(values) { return new this.constructor(...names.map((name) => (name in values ? values : this)[name])); };
   kind.prototype._asdict = function mapping() { return { ...this }; };
   kind.prototype[Symbol.iterator] = function* entries() { for (const name of names) yield this[name]; };
 }
@@ -412,7 +411,7 @@ function $enumeration(name, members) {
   kind[Symbol.iterator] = () => Object.values(members).values();
   return kind;
 }
-const copy_of = (state) => Object.assign(Object.create(Object.getPrototypeOf(state)), state);
+const copy_of = (state) => state._replace({});
 const specs_of = (kind) => kind.specs;
 
 // Functions of Python
