@@ -76,6 +76,11 @@ class Client:
 
     # To the page
 
+    @property
+    def waits(self) -> bool:
+        """Whether messages are queued."""
+        return bool(self._waiting)
+
     def put(self, message: dict[str, Any]) -> None:
         """Queue a message."""
         if self.closed:

@@ -183,11 +183,11 @@ class LiveRig(Source):
         """Send the theory of a change as soon as it comes: it follows a knob."""
         if time.monotonic() > self._set_at + _THEORY_S:
             return False
-        contents = self.link.poll_theory()
-        for content in contents:
+        for content in self.link.poll_theory():
             self._take_theory(content)
-        for client in list(self.clients) if contents else ():
-            client.pump()
+        for client in list(self.clients):
+            if client.waits:
+                client.pump()
         return True
 
     def _show_paused(self) -> None:

@@ -22,6 +22,10 @@ _UNKNOWN: dict[str, dict[str, Any]] = {
 class Page(Protocol):
     """A page that shows a source."""
 
+    @property
+    def waits(self) -> bool:
+        """Whether messages are queued."""
+
     def put(self, message: dict[str, Any]) -> None:
         """Queue a message."""
 
