@@ -112,12 +112,9 @@ export class Actions {
   /** Report an impact that was asked for at a time of the rig and does not come for a while. */
   async reportNoImpact(start) {
     const { store } = this;
-    const standsStill = () => store.status === 'paused' && store.history.end <= start;
     // What the page shows may be older than the answer of the rig.
-    do await new Promise((resolve) => { setTimeout(resolve, LATE); }); while (standsStill());
-    const { impacts } = store.history;
-    const hit = impacts.after(start) < impacts.end;
-    if (store.status !== 'paused' && !hit) toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
+    do await new Promise((resolve) => { setTimeout(resolve, LATE); }); while (store.status === 'paused' && store.history.end <= start);
+    if (store.status !== 'paused') toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
   }
 
   /** Bring the rig to what the address asks for, once. */

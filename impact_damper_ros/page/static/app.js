@@ -5,9 +5,9 @@ import { Actions } from './actions.js';
 import { isOwnAddress, readAddress } from './address.js';
 import { readColours } from './chart.js';
 import { byId, toast } from './dom.js';
+import { startGlossary } from './glossary.js';
 import * as bar from './panels/bar.js';
 import * as controller from './panels/controller.js';
-import * as dialogs from './panels/dialogs.js';
 import * as gapCurve from './panels/gap_curve.js';
 import * as impactMap from './panels/impact_map.js';
 import * as knobPanel from './panels/knobs.js';
@@ -45,9 +45,9 @@ controller.mount(byId('controller'), store, actions);
 presets.mount(byId('presets'), store, actions);
 structure.mount(byId('structure'), store, actions);
 recordings.mount(byId('recordings'), store, actions);
-bar.mount(byId('bar'), store, actions, { player, knobs });
+bar.mount(byId('bar'), store, actions, { player });
 tour.mount(byId('tour'), store, actions);
-dialogs.mount();
+startGlossary();
 pictures.mount(byId('pictures'), store, actions, {
   rig: ['Rig', rig.rig, rig],
   motion: ['Motion', traces],
@@ -56,7 +56,7 @@ pictures.mount(byId('pictures'), store, actions, {
   gap_curve: ['Gap curve', curve],
 });
 
-const screen = new Screen(store, [rig, traces, portrait, map, curve, circle, player]);
+const screen = new Screen(store, [rig, traces, portrait, map, curve, circle]);
 
 connection.on('message', (detail) => {
   store.receive(detail);

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A small canvas for a scientific picture: size, colours of the theme, axes with units.
 
-import { element } from './dom.js';
+import { element, write } from './dom.js';
 import { capital, digits, minus, niceAbove, ticks } from './format.js';
 import { entry, term } from './glossary.js';
 
+/** How far from a mark the pointer still means it, px. */
+const NEAR = 8;
 const NAMES = [
   'page', 'panel', 'line', 'ink', 'quiet', 'grid', 'stop', 'primary', 'damper', 'theory', 'special',
   'good', 'bad', 'open', 'force', 'link', 'steel', 'shade', 'lower', 'upper',
@@ -128,15 +130,9 @@ export class SteadyRange {
 
   fit(asked, now) {
     if (!(asked > 0)) return this.range || 1;
-    if (asked > this.range || this.range === 0) {
-      this.range = asked;
-      this.since = now;
-    } else if (asked > 0.62 * this.range) {
-      this.since = now;
-    } else if (now - this.since > 1500) {
-      this.range = asked;
-      this.since = now;
-    }
+    const grows = asked > this.range;
+    if (!grows && asked > 0.62 * this.range) this.since = now;
+    if (grows || now - this.since > 1500) [this.range, this.since] = [asked, now];
     return this.range;
   }
 }
@@ -156,35 +152,39 @@ export class SteadySpan {
   }
 }
 
-/** A line over a plot with the values under the pointer; a subclass says them in `pointed(x, y)`, in pixels. */
+/** A plot with a line that names what is under the pointer: one of its marks, or the values there. */
 export class ReadOut extends Canvas {
+  /** Where marks are drawn, the foremost first, and what each is called. */
+  marks = /** @type {[number, number, () => string][]} */ ([]);
+
   constructor(canvas) {
     super(canvas);
     /** @type {[number, number] | null} */
     this.pointer = null;
-    this.line = document.createElement('p');
-    this.line.className = 'read-out';
+    this.line = element('p', { class: 'read-out' });
     canvas.after(this.line);
-    canvas.addEventListener('pointermove', ({ clientX, clientY }) => {
-      const box = canvas.getBoundingClientRect();
-      this.pointer = [clientX - box.left, clientY - box.top];
-      this.readOut();
-    });
-    canvas.addEventListener('pointerleave', () => {
-      this.pointer = null;
-      this.readOut();
-    });
+    canvas.addEventListener('pointermove', (event) => this.follow(event));
+    canvas.addEventListener('pointerleave', () => this.follow(null));
   }
 
-  /** What is under a place. */
-  pointed(_x, _y) {
+  /** Follow the pointer; null where it is elsewhere. */
+  follow(event) {
+    const box = this.canvas.getBoundingClientRect();
+    this.pointer = event ? [event.clientX - box.left, event.clientY - box.top] : null;
+    this.stale = true;
+    this.readOut();
+  }
+
+  /** The values at a place, in pixels. */
+  values(_x, _y) {
     return '';
   }
 
   /** Show what is under the pointer. */
   readOut() {
-    const text = this.pointer ? this.pointed(...this.pointer) : '';
-    if (this.line.textContent !== text) this.line.textContent = text;
+    const [x, y] = this.pointer ?? [NaN, NaN];
+    const near = this.marks.find(([a, b]) => Math.hypot(a - x, b - y) < NEAR);
+    write(this.line, near ? near[2]() : this.values(x, y));
   }
 }
 
@@ -194,9 +194,9 @@ export class Axes extends ReadOut {
   plan = null;
 
   /** Both values under a place in the frame, with their units. */
-  pointed(x, y) {
+  values(x, y) {
     const { box, fromX, fromY, along, across } = this.plan ?? {};
-    if (!box || x < box.left || x > box.left + box.width || y < box.top || y > box.top + box.height) return '';
+    if (!box || !(x >= box.left && x <= box.left + box.width && y >= box.top && y <= box.top + box.height)) return '';
     const value = ([name, { factor, unit }], number) => `${name} ${digits(number * factor, 3)}${unit && `\u202f${unit}`}`;
     return `${value(along, fromX(x))}, ${value(across, fromY(y))}`;
   }

@@ -40,6 +40,12 @@ export function mark(target, name, value) {
   if (target.getAttribute(name) !== value) target.setAttribute(name, value);
 }
 
+/** Show a share of 1 as a bar, with a text beside it. */
+export function showShare(row, share, text) {
+  row.querySelector('.fill').style.transform = `scaleX(${Math.min(1, share || 0).toFixed(4)})`;
+  write(row.lastElementChild, text);
+}
+
 /** Let a checkbox hold a choice of the view, which the address keeps unless it is the usual one; return what applies it. */
 export function viewSwitch(store, name, apply, usual = false) {
   const box = byId(name);
@@ -51,17 +57,8 @@ export function viewSwitch(store, name, apply, usual = false) {
   return () => apply(box.checked);
 }
 
-/** Mark a box that can be scrolled as long as there is more below its edge; return what looks anew. */
-export function overflowing(box) {
-  const look = () => box.classList.toggle('more-below', box.scrollTop + box.clientHeight < box.scrollHeight - 2);
-  box.addEventListener('scroll', look, { passive: true });
-  new ResizeObserver(look).observe(box);
-  return look;
-}
-
 /** Whether the reader asks for little motion. */
-const calm = matchMedia('(prefers-reduced-motion: reduce)');
-export const reducedMotion = () => calm.matches;
+export const reducedMotion = () => matchMedia('(prefers-reduced-motion: reduce)').matches;
 
 let vanish = 0;
 

@@ -16,6 +16,7 @@ export function term(key, text) {
 
 export function startGlossary() {
   for (const word of all('button.term')) word.setAttribute('aria-description', entry(word.dataset.term)[1]);
+  byId('glossary-open').addEventListener('click', () => byId('glossary').showModal());
   const card = byId('term');
   const [title, sentence] = card.children;
   document.addEventListener('click', (event) => {

@@ -186,7 +186,6 @@ export class History {
     this.begun = -Infinity;
     this.state = null;
     this.ghost = null;
-    this.fresh = [];
     this.version = 0;
   }
 
@@ -208,8 +207,6 @@ export class History {
     if (frame.replace_ghost) this.other.clear();
     for (const kind of KINDS) this.own.push(kind, frame[kind], end);
     for (const kind of ['samples', 'impacts']) this.other.push(kind, frame[`ghost_${kind}`], end);
-    const [from, to] = frame.replace ? [0, 0] : [this.own.impacts.after(this.end), this.own.impacts.after(end)];
-    this.fresh = Array.from({ length: Math.max(0, to - from) }, (_, n) => this.own.impacts.row(from + n));
     this.end = end;
     this.look();
     this.paused = frame.paused;

@@ -39,11 +39,14 @@ export class RigDrawing extends Canvas {
     this.shaken = new SteadyRange();
   }
 
-  /** Let a stop light up; its strength is the impulse over the largest seen lately. */
-  flash(stop, impulse, now) {
-    this.loudest = Math.max(0.995 * this.loudest, impulse);
-    this.flashes.push({ stop, strength: Math.sqrt(impulse / this.loudest), since: now });
-    if (this.flashes.length > 8) this.flashes.shift();
+  /** Let the stops light up at impacts after an instant, up to another one; the strength is the impulse over the largest seen lately. */
+  flash(impacts, from, to, now) {
+    for (let n = impacts.after(from); n < impacts.after(to); n += 1) {
+      const { stop, impulse } = impacts.row(n);
+      this.loudest = Math.max(0.995 * this.loudest, impulse);
+      this.flashes.push({ stop, strength: Math.sqrt(impulse / this.loudest), since: now });
+    }
+    this.flashes.splice(0, this.flashes.length - 8);
   }
 
   get flashing() {
@@ -260,19 +263,18 @@ export class RigDrawing extends Canvas {
       context.fillStyle = colours.steel;
       const rod = Math.max(3, 0.2 * tallPad);
       context.fillRect(Math.min(face, anchor), centre - rod / 2, Math.abs(anchor - face), rod);
-      const flash = this.flashes.filter((one) => one.stop === stop);
+      const box = [side > 0 ? face : face - pad, floor - tallPad, pad, tallPad];
       context.fillStyle = stopColour(stop);
-      context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
-      for (const one of flash) {
-        const part = Math.max(0, now - one.since) / FLASH;
-        if (part >= 1) continue;
+      context.fillRect(...box);
+      for (const { since, strength } of this.flashes.filter((one) => one.stop === stop && now - one.since < FLASH)) {
+        const part = Math.max(0, now - since) / FLASH;
         context.save();
         if (reducedMotion()) {
           context.fillStyle = colours.open;
-          context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
+          context.fillRect(...box);
         } else {
-          context.globalAlpha = (1 - part) * (0.35 + 0.65 * one.strength);
-          const radius = tallPad * (0.5 + 0.55 * one.strength) * (0.6 + 0.6 * part);
+          context.globalAlpha = (1 - part) * (0.35 + 0.65 * strength);
+          const radius = tallPad * (0.5 + 0.55 * strength) * (0.6 + 0.6 * part);
           const glow = context.createRadialGradient(face, centre, 0, face, centre, radius);
           glow.addColorStop(0, colours.damper);
           glow.addColorStop(0.35, colours.open);

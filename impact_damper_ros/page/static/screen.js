@@ -5,7 +5,7 @@ import { readColours } from './chart.js';
 
 /**
  * Puts a panel into its element, and shows there what the store has; `others` are panels that it works with.
- * @typedef {(root: HTMLElement, store: import('./store.js').Store, actions?: import('./actions.js').Actions, others?: any) => any} Mount
+ * @typedef {(root: any, store: import('./store.js').Store, actions?: import('./actions.js').Actions, others?: any) => any} Mount
  */
 
 /**

@@ -58,10 +58,7 @@ export class SlowMotion {
       this.drawing.begin();
       return;
     }
-    for (let n = own.impacts.after(film.shown); n < own.impacts.after(time); n += 1) {
-      const { stop, impulse } = own.impacts.row(n);
-      this.drawing.flash(stop, impulse, now);
-    }
+    this.drawing.flash(own.impacts, film.shown, time, now);
     film.shown = time;
     this.drawing.draw(state, { ...options, now });
   }

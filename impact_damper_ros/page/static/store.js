@@ -239,9 +239,9 @@ export class Store extends Reporter {
   }
 
   /** Keep all of the rig in the address, or what differs from the preset that it started from. */
-  keepWholeRig(values) {
+  keepWholeRig() {
     const start = this.hello.presets.find((one) => one.name === this.address.preset)?.values ?? {};
-    this.address.values = Object.fromEntries(Object.entries(this.reproducible(values)).filter(([name, value]) => !same(value, start[name])));
+    this.address.values = Object.fromEntries(Object.entries(this.reproducible(this.values)).filter(([name, value]) => !same(value, start[name])));
     this.keepAddress();
   }
 

@@ -5,6 +5,7 @@ import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
 import { History } from '../../../impact_damper_ros/page/static/history.js';
+import { RigDrawing } from '../../../impact_damper_ros/page/static/rig_drawing.js';
 import { Theory } from '../../../impact_damper_ros/page/static/theory.js';
 
 const SAMPLES = ['time', 'x', 'primary_velocity', 'z', 'damper_velocity', 'stop_1', 'stop_2', 'angle', 'phase', 'base', 'base_velocity'];
@@ -48,10 +49,13 @@ test('an impact between two samples is a corner', () => {
   history.add(frame(1, { samples: [after], impacts: [hit] }));
   assert.ok(Math.abs(history.own.at(0.25).z - 0.5) < 1e-12);
   assert.ok(Math.abs(history.own.at(0.75).z - 0.75) < 1e-12);
-  assert.deepEqual(history.fresh.map(({ stop, impulse }) => [stop, impulse]), [[1, 3]]);
-  // It flashes once.
+  // Its stop lights up once.
+  const drawing = Object.create(RigDrawing.prototype);
+  drawing.clear();
+  drawing.flash(history.impacts, 0, 1, 7);
   history.add(frame(1.1, { samples: [sample(1.1)] }));
-  assert.deepEqual(history.fresh, []);
+  drawing.flash(history.impacts, 1, 1.1, 8);
+  assert.deepEqual(drawing.flashes, [{ stop: 1, strength: 1, since: 7 }]);
 });
 
 test('from the base, places and velocities are less by its own, whenever that is asked for', () => {

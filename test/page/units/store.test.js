@@ -49,7 +49,8 @@ test('a change is a line in the traces, and another preset the end of the one be
   assert.deepEqual(events, ['values', 'change']);
   assert.deepEqual([store.values.gap, store.history.changes.at(-1).text, store.address.preset], [0.03, 'd = 30 mm', 'bench']);
   // A link holds what differs from the preset, and nothing of the node.
-  store.keepWholeRig({ ...store.values, bag_directory: '/secret' });
+  store.takeValues({ bag_directory: '/secret' });
+  store.keepWholeRig();
   assert.equal(await written(), '#preset=bench&gap=0.03');
 });
 

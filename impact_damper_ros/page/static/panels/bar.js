@@ -43,12 +43,9 @@ function showStatus({ status, isLive }, text) {
 
 /** Show what can be done with a live rig, with a recording, or by who only watches. */
 function showMode({ hello, isLive, isInPage }) {
-  const watches = !hello.steers;
-  document.body.classList.toggle('watches', watches);
-  document.body.classList.toggle('in-page', isInPage);
-  byId('watching').hidden = !watches;
-  for (const id of ['pause', 'reset', 'rig-speed', 'step', 'step-to-impact', 'record', 'presets-open', 'tour-open']) byId(id).hidden = !isLive;
-  byId('rig-speed').disabled = watches;
+  const modes = { watches: !hello.steers, 'in-page': isInPage, playing: !isLive, designs: hello.designs, ros: hello.ros };
+  for (const [name, on] of Object.entries(modes)) document.body.classList.toggle(name, Boolean(on));
+  byId('rig-speed').disabled = !hello.steers;
 }
 
 /** Offer rigs to choose from; the one that is shown stays among them though it is gone. */
@@ -72,8 +69,8 @@ function showSpeed(factor) {
   choice.value = String(factor);
 }
 
-async function copyLink(store, values) {
-  if (store.isLive) store.keepWholeRig(values);
+async function copyLink(store) {
+  if (store.isLive) store.keepWholeRig();
   else store.keepAddress();
   await new Promise((resolve) => { setTimeout(resolve, 200); });
   const { address } = store.hello;
@@ -86,7 +83,7 @@ async function copyLink(store, values) {
 }
 
 /** @type {import('../screen.js').Mount} */
-export const mount = (root, store, actions, { player, knobs }) => {
+export const mount = (root, store, actions, { player }) => {
   const press = (id, take) => byId(id).addEventListener('click', take);
   byId('rig-speed').append(...SPEEDS.map(([value, text]) => element('option', { value: String(value), text })));
   byId('rig-speed').addEventListener('change', () => actions.turn({ real_time_factor: Number(byId('rig-speed').value) }));
@@ -96,7 +93,7 @@ export const mount = (root, store, actions, { player, knobs }) => {
   press('step', () => actions.step('step'));
   press('step-to-impact', () => actions.step('step_to_impact'));
   press('record', () => actions.setNode({ record: byId('record').getAttribute('aria-pressed') !== 'true' }));
-  press('link', () => copyLink(store, knobs.values()));
+  press('link', () => copyLink(store));
   press('large', switchLarge);
   store.on('status', ({ text }) => showStatus(store, text));
   store.on('hello', () => {

@@ -13,56 +13,42 @@ const SCORE = {
 };
 const FAULTS = [['sensor_fault', 'Sensors'], ['actuator_fault', 'Stops']];
 
-class Controller {
-  /** `turn` sets parameters. */
-  constructor(turn) {
-    this.turn = turn;
-  }
-
-  /** Make a switch for each fault of a rig. */
-  make(descriptors) {
-    byId('faults').replaceChildren(...FAULTS.flatMap(([name, title]) => {
-      const { choices = [], description } = descriptors.find((one) => one.name === name) ?? {};
-      const switches = choices.filter((choice) => choice !== 'none').map((choice) => element('button', {
-        type: 'button', value: choice, 'data-steers': '', text: choice.replace('stop_', '').replace(/_/g, ' '), title: choice.replace(/_/g, ' '), 'aria-pressed': 'false',
-        onclick: ({ currentTarget }) => this.turn({ [name]: currentTarget.ariaPressed === 'true' ? 'none' : choice }),
-      }));
-      const legend = element('legend', { text: title });
-      return switches.length ? [element('fieldset', { 'data-fault': name, title: description }, legend, ...switches)] : [];
+/** Make a switch for each fault of a rig. */
+function makeFaults(descriptors, turn) {
+  byId('faults').replaceChildren(...FAULTS.flatMap(([name, title]) => {
+    const { choices = [], description } = descriptors.find((one) => one.name === name) ?? {};
+    const switches = choices.filter((choice) => choice !== 'none').map((choice) => element('button', {
+      type: 'button', value: choice, 'data-steers': '', text: choice.replace('stop_', '').replace(/_/g, ' '), title: choice.replace(/_/g, ' '), 'aria-pressed': 'false',
+      onclick: ({ currentTarget }) => turn({ [name]: currentTarget.ariaPressed === 'true' ? 'none' : choice }),
     }));
-  }
+    const legend = element('legend', { text: title });
+    return switches.length ? [element('fieldset', { 'data-fault': name, title: description }, legend, ...switches)] : [];
+  }));
+}
 
-  /** Show the faults and the law that are in force. */
-  take({ gap_control: law = 'off', ...values }) {
-    document.body.classList.toggle('controlled', law !== 'off');
-    for (const button of byId('faults').querySelectorAll('button')) {
-      mark(button, 'aria-pressed', String(values[button.parentElement.dataset.fault] === button.value));
-    }
-  }
-
-  /** Show what the node reports of a controller outside of it. */
-  report(report) {
-    const place = byId('command-age');
-    const age = report?.age ?? NaN;
-    write(place, report ? `Controller: ${report.text}${Number.isFinite(age) ? `, ${withUnit(age, 's', 2)} ago` : ''}` : '');
-    mark(place, 'data-level', report?.level ?? 'ok');
-  }
-
-  /** Show what has been achieved in the last minute. */
-  numbers({ score = null }) {
-    write(byId('score-title'), score ? `Last ${digits(score.seconds, 2)} s` : 'Last minute');
-    for (const place of all('[data-score]')) write(place, score ? SCORE[place.dataset.score](score[place.dataset.score]) : '–');
-  }
+/** Show what the node reports of a controller outside of it. */
+function showReport(report) {
+  const place = byId('command-age');
+  const age = report?.age ?? NaN;
+  write(place, report ? `Controller: ${report.text}${Number.isFinite(age) ? `, ${withUnit(age, 's', 2)} ago` : ''}` : '');
+  mark(place, 'data-level', report?.level ?? 'ok');
 }
 
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
-  const panel = new Controller((values) => actions.turn(values));
   store.on('hello', () => {
-    panel.make(store.hello.parameters);
-    panel.report(null);
+    makeFaults(store.hello.parameters, (values) => actions.turn(values));
+    showReport(null);
   });
-  store.on('values', () => panel.take(store.values));
-  store.on('diagnostics', () => panel.report(store.diagnostics.controller));
-  store.on('numbers', () => panel.numbers(store.numbers));
+  store.on('values', () => {
+    document.body.classList.toggle('controlled', (store.values.gap_control ?? 'off') !== 'off');
+    for (const button of all('#faults button')) mark(button, 'aria-pressed', String(store.values[button.parentElement.dataset.fault] === button.value));
+  });
+  store.on('diagnostics', () => showReport(store.diagnostics.controller));
+  store.on('numbers', () => {
+    // What has been achieved in the last minute
+    const { score } = store.numbers;
+    write(byId('score-title'), score ? `Last ${digits(score.seconds, 2)} s` : 'Last minute');
+    for (const place of all('[data-score]')) write(place, score ? SCORE[place.dataset.score](score[place.dataset.score]) : '–');
+  });
 };

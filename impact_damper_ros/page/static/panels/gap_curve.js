@@ -17,30 +17,15 @@ class GapCurve extends Axes {
     this.theory = store.theory;
     this.gap = NaN;
     this.measured = NaN;
-    this.aim = null;
-    /** Special points: where they are drawn, and what they are; the one gone to by the keyboard. */
-    this.places = /** @type {[number, number, any][]} */ ([]);
+    /** The special point gone to by the keyboard. */
     this.visited = -1;
     this.low = 0;
     this.high = this.top = 1;
     this.unit = '';
     this.beyond = false;
-    this.plan = null;
-    const pointed = (event) => {
-      if (!this.plan) return null;
-      const gap = this.plan.fromX(event.clientX - canvas.getBoundingClientRect().left);
-      return gap >= this.low && gap <= this.high ? gap || null : null;
-    };
-    for (const kind of ['pointermove', 'pointerleave']) {
-      canvas.addEventListener(kind, (event) => {
-        this.aim = kind === 'pointermove' ? pointed(event) : null;
-        this.visited = -1;
-        this.stale = true;
-      });
-    }
     canvas.addEventListener('click', (event) => {
-      const gap = pointed(event);
-      if (gap > 0 && this.store.steers) setGap(Number(gap.toPrecision(4)));
+      this.follow(event);
+      if (this.aim > 0 && store.steers) setGap(Number(this.aim.toPrecision(4)));
     });
     canvas.addEventListener('keydown', (event) => {
       const special = { n: 1, p: -1 }[event.key];
@@ -52,12 +37,21 @@ class GapCurve extends Axes {
     });
   }
 
-  /** The branch under the pointer at its gap, or a special point and what it is. */
-  pointed(x, y) {
-    const near = this.places.find(([a, b]) => Math.hypot(a - x, b - y) < 12);
-    if (near) return this.named(near);
-    const { box, fromX, toY } = this.plan ?? {};
-    if (!box || !super.pointed(x, y)) return '';
+  follow(event) {
+    this.visited = -1;
+    super.follow(event);
+  }
+
+  /** The gap at the pointer; NaN where a click would set none. */
+  get aim() {
+    const gap = this.pointer && this.visited < 0 ? this.plan?.fromX(this.pointer[0]) : NaN;
+    return gap >= this.low && gap <= this.high ? gap : NaN;
+  }
+
+  /** The branch that is nearest at a gap. */
+  values(x, y) {
+    const { fromX, toY } = this.plan ?? {};
+    if (!super.values(x, y)) return '';
     const gap = fromX(x);
     const crossed = (this.theory.curve?.branches ?? []).flatMap(({ gap: gaps, x_max_ratio: ratios }) => gaps.slice(1).flatMap((to, n) => {
       const from = gaps[n];
@@ -70,14 +64,14 @@ class GapCurve extends Axes {
   }
 
   /** A special point in words. */
-  named([, , { kind, gap, x_max_ratio: ratio }]) {
+  named({ kind, gap, x_max_ratio: ratio }) {
     const [name, sentence] = kind in MARKS ? entry(MARKS[kind]) : [kind, ''];
     return `${name} at ${withUnit(gap, 'm')}, Xmax/A ${digits(ratio, 3)}. ${sentence}`;
   }
 
   /** Go to the next or the last special point by the keyboard, and name it. */
   visit(step) {
-    const { length } = this.places;
+    const { length } = this.marks;
     if (!length) return;
     this.visited = (Math.max(this.visited, step > 0 ? -1 : 0) + step + length) % length;
     this.point();
@@ -85,7 +79,7 @@ class GapCurve extends Axes {
 
   /** Point at the special point gone to, wherever it is by now. */
   point() {
-    const place = this.places[this.visited];
+    const place = this.marks[this.visited];
     if (!place) return;
     this.pointer = /** @type {[number, number]} */ (place.slice(0, 2));
     this.readOut();
@@ -148,7 +142,7 @@ class GapCurve extends Axes {
       this.specials(curve?.special ?? [], toX, toY);
       // The predicted motion, of the value under the finger
       if (curve?.x_max_ratio > 0) this.dot(toX(curve.gap), toY(curve.x_max_ratio), colours.theory, 4);
-      if (this.aim !== null && this.store.steers) {
+      if (this.aim > 0 && this.store.steers) {
         upright(this.aim, colours.link, 1);
         write(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim), colours.link, toX(this.aim) > box.left + box.width / 2, 'bottom');
       }
@@ -168,9 +162,9 @@ class GapCurve extends Axes {
 
   /** Special points as rings; the pointer names them. */
   specials(specials, toX, toY) {
-    this.places = specials.map((special) => /** @type {[number, number, any]} */ ([toX(special.gap), toY(special.x_max_ratio), special])).sort(([one], [other]) => one - other);
+    this.marks = specials.map((special) => /** @type {[number, number, () => string]} */ ([toX(special.gap), toY(special.x_max_ratio), () => this.named(special)])).sort(([one], [other]) => one - other);
     this.point();
-    for (const [a, b] of this.places) this.disc(a, b, 3.6, colours.page, colours.special, 1.6);
+    for (const [a, b] of this.marks) this.disc(a, b, 3.6, colours.page, colours.special, 1.6);
   }
 
   /** Stable parts solid, unstable ones dashed, those that are not viable dotted. */

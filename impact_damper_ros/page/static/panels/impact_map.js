@@ -12,20 +12,12 @@ class ImpactMap extends Axes {
     super(canvas);
     this.store = store;
     this.end = -1;
-    /** Where impacts are drawn, the newest first, and of which stop. */
-    this.marks = /** @type {[number, number, string][]} */ ([]);
     this.rescale();
   }
 
   /** Choose the scale anew. */
   rescale() {
     this.up = new SteadyRange();
-  }
-
-  /** The impact under the pointer, or both values there. */
-  pointed(x, y) {
-    const near = this.marks.find(([a, b]) => Math.hypot(a - x, b - y) < 6);
-    return near ? `${near[2]}: ${super.pointed(near[0], near[1])}` : super.pointed(x, y);
   }
 
   draw(now) {
@@ -53,7 +45,7 @@ class ImpactMap extends Axes {
         const old = time[n] < since;
         context.globalAlpha = old ? 0.14 : Math.max(0.25, 0.95 - age);
         const [a, b] = [toX(phase[n]), toY(damper[n])];
-        this.marks.unshift([a, b, `stop ${stop[n]}`]);
+        this.marks.unshift([a, b, () => `stop ${stop[n]}: ${this.values(a, b)}`]);
         this.impact(stop[n], a, b, dot, old ? colours.quiet : stopColour(stop[n]));
       }
       context.globalAlpha = 1;

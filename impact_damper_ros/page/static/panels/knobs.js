@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Knobs made from the descriptors of the parameters: degrees and hertz for people, SI for the rig.
 
-import { all, byId, element, mark, reducedMotion, write } from '../dom.js';
+import { all, byId, element, mark, write } from '../dom.js';
 import { capital, digits, typed, withUnit } from '../format.js';
 import { term } from '../glossary.js';
 import { readTyped, SliderScale } from '../slider.js';
 
-const GROUPS = [
-  ['rig', 'Rig'],
-  ['forcing', 'Force'],
-  ['control', 'Gap control'],
-  ['run', 'Run'],
-];
+const GROUPS = [['rig', 'Rig'], ['forcing', 'Force'], ['control', 'Gap control'], ['run', 'Run']];
 
 /** One knob: a label, a number, and for the first ones a slider. */
 class Knob {
@@ -19,44 +14,36 @@ class Knob {
     this.descriptor = descriptor;
     this.knobs = knobs;
     this.slider = slider;
-    this.value = descriptor.value;
+    const { values, whatIf, units } = knobs.store;
+    this.value = { ...values, ...whatIf }[descriptor.name];
     this.busy = false;
     this.next = null;
-    this.shown = knobs.store.units.of(descriptor);
-    const { name, type } = descriptor;
+    this.shown = units.of(descriptor);
+    const { name, type, choices = [] } = descriptor;
     this.id = `${slider ? 'knob' : 'parameter'}-${name}`;
-    const fixed = descriptor.read_only || knobs.locked;
     const help = [descriptor.description, this.rangeText(), descriptor.read_only ? 'Set at the start of the node.' : ''].filter(Boolean).join(' ');
-    this.error = element('p', { class: 'error', id: `${this.id}-error`, role: 'alert', hidden: true });
-    const described = { 'aria-describedby': `${this.id}-help ${this.id}-error` };
+    this.error = element('p', { class: 'error', id: `${this.id}-error`, role: 'alert' });
+    const shared = { id: this.id, disabled: descriptor.read_only || knobs.locked, 'aria-describedby': `${this.id}-help ${this.id}-error` };
     if (type === 'bool') {
-      this.input = element('input', { type: 'checkbox', id: this.id, disabled: fixed, ...described });
-      this.input.addEventListener('change', () => this.send(this.input.checked));
-    } else if (type === 'string' && descriptor.choices?.length) {
-      this.input = element('select', { id: this.id, disabled: fixed, ...described });
-      for (const choice of descriptor.choices) {
-        this.input.append(element('option', { value: choice, text: choice.replace(/_/g, ' ') }));
-      }
-      this.input.addEventListener('change', () => this.send(this.input.value));
+      this.input = element('input', { type: 'checkbox', ...shared, onchange: () => this.send(this.input.checked) });
+    } else if (choices.length) {
+      const options = choices.map((choice) => element('option', { value: choice, text: choice.replace(/_/g, ' ') }));
+      this.input = element('select', { ...shared, onchange: () => this.send(this.input.value) }, ...options);
     } else {
       this.input = element('input', {
-        type: 'text', id: this.id, disabled: fixed, autocomplete: 'off', spellcheck: 'false',
-        inputmode: type === 'string' || type === 'double_array' ? 'text' : 'decimal', ...described,
-      });
-      // What is being typed is not overwritten by a value that comes in meanwhile.
-      this.input.addEventListener('input', () => { this.typing = true; });
-      this.input.addEventListener('change', () => { this.typing = false; this.enter(); });
-      this.input.addEventListener('blur', () => {
-        if (this.typing) {
-          this.typing = false;
-          this.show();
-        }
-        this.note('');
-      });
-      this.input.addEventListener('keydown', (event) => this.key(event));
-      this.input.addEventListener('focus', () => {
-        this.input.select();
-        if (this.error.hidden) this.note(this.rangeText());
+        type: 'text', autocomplete: 'off', spellcheck: 'false', inputmode: ['string', 'double_array'].includes(type) ? 'text' : 'decimal', ...shared,
+        // What is being typed is not overwritten by a value that comes in meanwhile.
+        oninput: () => { this.typing = true; },
+        onchange: () => { this.typing = false; this.enter(); },
+        onblur: () => {
+          if (this.typing) this.forget();
+          write(this.error, '');
+        },
+        onkeydown: (event) => this.key(event),
+        onfocus: () => {
+          this.input.select();
+          if (!this.error.textContent) write(this.error, this.rangeText());
+        },
       });
     }
     const label = element('label', { for: this.id, text: title });
@@ -69,7 +56,7 @@ class Knob {
     );
     const button = this.place.querySelector('button.term');
     if (button) button.setAttribute('aria-label', `What ${title} means`);
-    if (slider && type !== 'bool' && !descriptor.choices?.length) this.addSlider(title);
+    if (slider && type !== 'bool' && !choices.length) this.addSlider(title);
     this.place.append(
       element('p', { class: 'visually-hidden', id: `${this.id}-help`, text: help }),
       this.error,
@@ -81,7 +68,7 @@ class Knob {
   rangeText() {
     const { min, max, unit, units, usual, choices, type } = this.descriptor;
     const [low, high] = usual ?? [min, max];
-    if (choices?.length || type === 'bool' || low === null || low === undefined) return '';
+    if (choices?.length || type === 'bool' || (low ?? null) === null) return '';
     const { factor } = this.shown;
     const text = (value) => (unit === 'm' ? withUnit(value, unit) : digits(value * factor, 3));
     const shown = unit === 'm' ? '' : this.shown.unit;
@@ -105,10 +92,12 @@ class Knob {
   }
 
   addSlider(title) {
-    this.range = element('input', {
-      type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0, disabled: this.input.disabled,
-    });
-    this.range.addEventListener('input', () => {
+    const done = () => {
+      this.dragging = false;
+      this.knobs.store.grab('');
+      this.show();
+    };
+    const drag = () => {
       if (!this.dragging) {
         this.knobs.store.grab(this.descriptor.name);
         byId('curve').classList.toggle('above', this.range.getBoundingClientRect().top > innerHeight / 2);
@@ -117,14 +106,10 @@ class Knob {
       const number = this.scale.at(Number(this.range.value) / 1000);
       this.input.value = typed(number, 1e-4);
       this.sendNumber(number);
-    });
-    const done = () => {
-      this.dragging = false;
-      this.knobs.store.grab('');
-      this.show();
     };
-    this.range.addEventListener('change', done);
-    this.range.addEventListener('blur', done);
+    this.range = element('input', {
+      type: 'range', min: 0, max: 1000, step: 1, 'aria-label': `${title}, slider`, tabindex: 0, disabled: this.input.disabled, oninput: drag, onchange: done, onblur: done,
+    });
     this.place.append(this.range);
     this.scaleSlider();
   }
@@ -154,9 +139,8 @@ class Knob {
 
   key(event) {
     if (event.key === 'Escape') {
-      this.typing = false;
       this.fail('');
-      this.show(true);
+      this.forget();
       return;
     }
     const turn = { ArrowUp: 1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
@@ -174,43 +158,31 @@ class Knob {
 
   /** Send a value; while one is on its way, only the newest waits. */
   async send(value) {
-    if (this.busy) {
-      this.next = { value };
-      return;
-    }
-    this.busy = true;
-    const { name } = this.descriptor;
-    const { ok, reason, values } = await this.knobs.set({ [name]: value });
-    this.busy = false;
-    this.fail(ok ? '' : reason);
-    if (ok) {
-      this.take(values[name], true);
-      this.doubt();
-    }
-    if (this.next) {
-      const { value: newest } = this.next;
-      this.next = null;
-      await this.send(newest);
+    this.next = { value };
+    while (this.next && !this.busy) {
+      const { name } = this.descriptor;
+      [value, this.next, this.busy] = [this.next.value, null, true];
+      const { ok, reason, values } = await this.knobs.set({ [name]: value });
+      this.busy = false;
+      this.fail(ok ? '' : reason);
+      if (ok) {
+        this.take(values[name], true);
+        this.doubt();
+      }
     }
   }
 
   /** Show why a value was rejected. */
   fail(reason) {
-    this.note(reason);
+    write(this.error, reason);
     this.input.setAttribute('aria-invalid', reason ? 'true' : 'false');
     this.place.classList.toggle('wrong', Boolean(reason));
-  }
-
-  /** Show a text under the knob. */
-  note(text) {
-    this.error.hidden = !text;
-    write(this.error, text);
   }
 
   /** A value far from the usual ones may be meant in another unit. */
   doubt() {
     const [low, high] = this.descriptor.usual ?? [];
-    if ([this.value].flat().some((one) => one && (one < low || one > high))) this.note(`This is far from usual. ${this.rangeText()}`);
+    if ([this.value].flat().some((one) => one && (one < low || one > high))) write(this.error, `This is far from usual. ${this.rangeText()}`);
   }
 
   /** Take in a value that the rig has. */
@@ -219,13 +191,10 @@ class Knob {
     if (this.busy || this.next || this.typing) return;
     if (!own && document.activeElement === this.input && this.input.type === 'text' && this.place.classList.contains('wrong')) return;
     this.show();
-    if (!own) {
-      this.fail('');
-      if (!reducedMotion()) {
-        this.place.classList.remove('turned');
-        requestAnimationFrame(() => this.place.classList.add('turned'));
-      }
-    }
+    if (own) return;
+    this.fail('');
+    this.place.classList.remove('turned');
+    requestAnimationFrame(() => this.place.classList.add('turned'));
   }
 
   /** Write a text into the field, unless one is being typed; a text that is selected as a whole stays so. */
@@ -235,6 +204,12 @@ class Knob {
     const all = document.activeElement === input && input.selectionStart === 0 && input.selectionEnd === input.value.length;
     input.value = text;
     if (all) input.select();
+  }
+
+  /** Show the value of the rig in place of what is being typed. */
+  forget() {
+    this.typing = false;
+    this.show(true);
   }
 
   show(force = false) {
@@ -275,36 +250,38 @@ export class Knobs {
     this.knobs = [];
     /** Whether the values are only shown. */
     this.locked = false;
+    this.descriptors = /** @type {import('../messages.js').Descriptor[]} */ ([]);
     byId('knob-search').addEventListener('input', () => this.filter());
+    byId('more-knobs').addEventListener('toggle', () => this.makeRest());
   }
 
-  /** Make knobs for all parameters of a rig. */
+  /** Make the first knobs of a rig, and the others once they are looked at. */
   make(descriptors) {
+    this.descriptors = descriptors;
     this.knobs = [];
-    const first = byId('first-knobs');
-    first.replaceChildren();
-    for (const descriptor of descriptors.filter((one) => one.first).sort((one, other) => one.first.place - other.first.place)) {
-      const { title, term: about } = descriptor.first;
-      const knob = new Knob(descriptor, this, { title, about, slider: true });
-      this.knobs.push(knob);
-      first.append(knob.place);
-    }
-    const rest = byId('all-knobs');
-    rest.replaceChildren();
-    for (const [key, title] of GROUPS) {
-      const members = descriptors.filter((one) => one.group === key);
-      if (!members.length) continue;
-      const group = element('fieldset', { class: 'group' }, element('legend', { text: title }));
-      for (const descriptor of members) {
-        const knob = new Knob(descriptor, this, { title: capital(descriptor.name.replace(/_/g, ' ')) });
-        this.knobs.push(knob);
-        group.append(knob.place);
-      }
-      rest.append(group);
-    }
-    const count = descriptors.length;
-    byId('more-knobs').querySelector('summary').textContent = `All ${count} parameters`;
+    const first = descriptors.filter((one) => one.first).sort((one, other) => one.first.place - other.first.place);
+    byId('first-knobs').replaceChildren(...first.map((one) => this.made(one, { title: one.first.title, about: one.first.term, slider: true })));
+    byId('more-knobs').querySelector('summary').textContent = `All ${descriptors.length} parameters`;
+    byId('all-knobs').replaceChildren();
+    this.makeRest();
+  }
+
+  makeRest() {
+    const place = byId('all-knobs');
+    if (!byId('more-knobs').open || place.firstChild) return;
+    place.append(...GROUPS.map(([key, title]) => element(
+      'fieldset',
+      { class: 'group' },
+      element('legend', { text: title }),
+      ...this.descriptors.filter((one) => one.group === key).map((one) => this.made(one, { title: capital(one.name.replace(/_/g, ' ')) })),
+    )));
     this.filter();
+  }
+
+  made(descriptor, options) {
+    const knob = new Knob(descriptor, this, options);
+    this.knobs.push(knob);
+    return knob.place;
   }
 
   /** Take in values that the rig has now; a knob that makes the what-if another rig stays where it is, unless they are its own. */
@@ -331,22 +308,12 @@ export class Knobs {
     this.knobs.find((knob) => knob.descriptor.name === name).send(value);
   }
 
-  /** Present values by name. */
-  values() {
-    return Object.fromEntries(this.knobs.map((knob) => [knob.descriptor.name, knob.value]));
-  }
-
   /** Show only parameters whose name or meaning has the words searched for. */
   filter() {
     const words = byId('knob-search').value.toLowerCase().split(/\s+/).filter(Boolean);
-    for (const group of all('#all-knobs .group')) {
-      let some = false;
-      for (const row of all('.knob', group)) {
-        const text = `${row.dataset.name} ${row.dataset.name.replace(/_/g, ' ')} ${row.title}`.toLowerCase();
-        row.hidden = !words.every((word) => text.includes(word));
-        some ||= !row.hidden;
-      }
-      group.hidden = !some;
+    for (const row of all('#all-knobs .knob')) {
+      const text = `${row.dataset.name} ${row.dataset.name.replace(/_/g, ' ')} ${row.title}`.toLowerCase();
+      row.hidden = !words.every((word) => text.includes(word));
     }
   }
 }

@@ -9,14 +9,6 @@ class Multipliers extends ReadOut {
   constructor(canvas, theory) {
     super(canvas);
     this.theory = theory;
-    /** Where the multipliers are drawn. */
-    this.places = [];
-  }
-
-  /** The multiplier under the pointer: its modulus and angle. */
-  pointed(x, y) {
-    const near = this.places.find(([a, b]) => Math.hypot(a - x, b - y) < 8);
-    return near ? `|λ| ${digits(near[2], 3)}, ${digits(near[3], 3)}°` : '';
   }
 
   draw() {
@@ -28,11 +20,11 @@ class Multipliers extends ReadOut {
     const unit = (Math.min(cx, cy) - 3) / most;
     this.lines(colours.grid, 1, [[[3, cy], [this.width - 3, cy]], [[cx, 3], [cx, this.height - 3]]]);
     this.disc(cx, cy, unit, '', colours.steel, 1.3);
-    this.places = multipliers.map(([re, im], n) => {
-      const cut = Math.min(1, (0.98 * most) / sizes[n]);
-      return [cx + re * cut * unit, cy - im * cut * unit, sizes[n], (Math.atan2(im, re) * 180) / Math.PI];
+    this.marks = multipliers.map(([re, im], n) => {
+      const cut = Math.min(1, (0.98 * most) / sizes[n]) * unit;
+      return [cx + re * cut, cy - im * cut, () => `|λ| ${digits(sizes[n], 3)}, ${digits((Math.atan2(im, re) * 180) / Math.PI, 3)}°`];
     });
-    for (const [x, y, size] of this.places) this.disc(x, y, 3.6, size < 1 ? colours.good : colours.bad);
+    this.marks.forEach(([x, y], n) => this.disc(x, y, 3.6, sizes[n] < 1 ? colours.good : colours.bad));
     const largest = sizes.length ? ` on the unit circle; the largest modulus is ${digits(Math.max(...sizes), 3)}` : ': none';
     mark(this.canvas, 'aria-label', `Stability multipliers${largest}`);
   }

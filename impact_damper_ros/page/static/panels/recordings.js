@@ -17,23 +17,20 @@ class Recordings {
     this.busy = new Map();
     setInterval(() => { if (this.busy.size) this.show(this.list); }, 1000);
     this.list = [];
-    this.rows = new Map();
   }
 
   show(list) {
     this.list = list;
-    byId('recordings-none').hidden = this.list.length > 0;
-    const rows = this.list.map((one) => this.row(one));
-    this.rows = new Map(this.list.map((one, n) => [one.name, rows[n]]));
-    // Rows stay where they are, and the same: somebody may be about to press a button.
+    byId('recordings-none').hidden = list.length > 0;
     const place = byId('recordings-list');
-    const same = rows.length === place.children.length && rows.every((row, n) => row === place.children[n]);
-    if (!same) place.replaceChildren(...rows);
+    // Rows stay where they are, and the same: somebody may be about to press a button.
+    const known = Object.fromEntries([...place.children].map((row) => [row.dataset.name, row]));
+    const rows = list.map((one) => this.row(one, known[one.name] ?? this.made(one.name)));
+    if (rows.length !== place.children.length || rows.some((row, n) => row !== place.children[n])) place.replaceChildren(...rows);
   }
 
-  /** Return the row of a recording, which is made once, with what is known of it now. */
-  row(one) {
-    const row = this.rows.get(one.name) ?? this.made(one.name);
+  /** Return the row of a recording with what is known of it now. */
+  row(one, row) {
     const about = [dated(one.start), clock(one.duration ?? NaN), bytes(one.size), one.files > 1 ? `${one.files} files: to copy them, copy the directory` : null, one.whole ? null : 'not ended'];
     write(row.querySelector('strong'), one.name);
     write(row.querySelector('p'), about.filter((text) => text !== null && text !== '–').join(' · '));
@@ -102,4 +99,6 @@ export const mount = (root, store, actions) => {
   store.on('recordings', () => panel.show(store.recordings));
   store.on('compare_done', (message) => panel.done(message));
   actions.connection.on('again', () => panel.goOn());
+  byId('recordings-open').addEventListener('click', () => byId('recordings').showModal());
+  byId('report').addEventListener('close', () => byId('report-frame').removeAttribute('src'));
 };

@@ -17,6 +17,8 @@ class RigPanel {
     this.rig = new RigDrawing(byId('rig-canvas'));
     this.slow = new SlowMotion(store.history);
     this.spoken = 0;
+    /** Up to when impacts have lit up the stops. */
+    this.lit = Infinity;
   }
 
   get pictures() {
@@ -34,6 +36,8 @@ class RigPanel {
 
   draw(now, anew) {
     const { history, values } = this.store;
+    if (anew) this.rig.flash(history.impacts, this.lit, history.end, now);
+    this.lit = history.end;
     if ((anew || this.rig.stale || this.rig.flashing) && history.state) {
       const { damper_mass: m, primary_mass: M } = values;
       const options = { extent: history.reach(history.end - 4), oneSided: !Number.isFinite(history.state.stop_2), massRatio: m / M };
@@ -82,9 +86,6 @@ export const mount = (root, store, actions, { knobs }) => {
     if (byId('relative-switch').hidden === still) return;
     byId('relative-switch').hidden = still;
     showFrom();
-  });
-  store.on('frame', () => {
-    for (const { stop, impulse } of history.fresh) panel.rig.flash(stop, impulse, performance.now());
   });
   viewSwitch(store, 'slow', (on) => panel.slow.switch(on))();
   return panel;

@@ -19,7 +19,6 @@ class Traces extends Axes {
     this.range = new SteadySpan();
     this.unit = lengthUnit(1);
     this.legend = Object.fromEntries(all('#legend div').map((one) => [one.dataset.series, one.lastElementChild]));
-    for (const kind of ['pointermove', 'pointerleave']) canvas.addEventListener(kind, () => { this.stale = true; });
   }
 
   /** Choose the scale anew. */
