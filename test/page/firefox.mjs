@@ -7,7 +7,9 @@ import puppeteer from 'puppeteer-core';
 
 const [executablePath, ...addresses] = process.argv.slice(2);
 const beside = (name) => readFileSync(new URL(name, import.meta.url), 'utf8');
-const browser = await puppeteer.launch({ browser: 'firefox', executablePath, protocolTimeout: 400_000 });
+// As the usual size: `setViewport` of the newest puppeteer asks Firefox ESR for what it does not know.
+const defaultViewport = { width: 1280, height: 800 };
+const browser = await puppeteer.launch({ browser: 'firefox', executablePath, defaultViewport, protocolTimeout: 400_000 });
 const page = await browser.newPage();
 let complaints = [];
 page.on('console', (message) => complaints.push(`${message.type()}: ${message.text()}`));
@@ -21,7 +23,6 @@ const until = async (expression) => {
 };
 const paused = (yes) => until(`document.querySelector('#status').dataset.state ${yes ? '===' : '!=='} 'paused'`);
 
-await page.setViewport({ width: 1280, height: 800 });
 await page.evaluateOnNewDocument(beside('slow_screen.js'));
 const shown = [];
 for (const address of addresses) {

@@ -1,4 +1,4 @@
-"""The page in a real browser, with the real server and the real node."""
+"""The page in a real browser, with the real server and the real node, and without installation."""
 
 import contextlib
 import functools
@@ -9,9 +9,10 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import threading
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from xml.etree import ElementTree
 
 import chromium
 import pytest
@@ -21,6 +22,8 @@ pytest.importorskip('rclpy', reason='a live rig needs ROS')
 
 import numpy as np
 from node.rig_client import RigClient, RigParametersClient, SimProcess
+from PIL import Image
+from playwright.sync_api import expect
 from running import DEADLINE_S, SOURCE, until as at_once
 from sensor_msgs.msg import JointState
 
@@ -35,7 +38,8 @@ from page.page_process import PageProcess
 BENCH = SOURCE / 'config' / 'bench_rig.yaml'
 #: To ask a node for a value takes more of the processor than to wait for it.
 until = functools.partial(at_once, pause=0.04)
-DESK = (1280, 800)
+DESK, PHONE = (1280, 800), (360, 740)
+MOVES = 'impactDamper.store.frames > 3 && impactDamper.history.impacts.length > 2'
 #: The rig goes on; beside many other programs it lags, and the page says so.
 FULL = """['running', 'lagging'].includes(document.querySelector('#status').dataset.state)
     && impactDamper.history.impacts.length > 3 && document.querySelector('#knob-gap')"""
@@ -211,13 +215,8 @@ def test_a_knob_is_turned_here_and_elsewhere(opened, parameters):
     page.expect('#rig-speed option[data-own]').to_have_text('0.50×')
     assert parameters.set(real_time_factor=1.0) == ''
     page.expect('#rig-speed').to_have_value('1')
-    # What is typed is read with its unit.
-    for text, gap, shown in (
-        # The unit stays: who has typed millimetres would set metres with the next number.
-        ('600', 0.6, '600'),
-        ('2,6 cm', 0.026, '26'),
-        ('0.023m', 0.023, '23'),
-    ):
+    # The unit stays: who has typed millimetres would set metres with the next number.
+    for text, gap, shown in (('600', 0.6, '600'), ('0.023m', 0.023, '23')):
         page.type('#knob-gap', text)
         until(lambda gap=gap: parameters.get('gap') == gap, text)
         page.expect('#knob-gap').to_have_value(shown)
@@ -229,49 +228,15 @@ def test_a_knob_is_turned_here_and_elsewhere(opened, parameters):
     page.key('Escape')
     page.expect('#knob-gap').to_have_value('23')
     page.expect('#knob-gap-error').to_be_hidden()
-    page.type('#knob-angle', '-3')
-    until(lambda: parameters.get('angle') == pytest.approx(math.radians(-3.0), rel=1e-12))
-    page.wait('Math.abs(impactDamper.history.state.angle + 0.05236) < 1e-4')
-    page.type('#knob-damper_mass', '150 g')
-    until(lambda: parameters.get('damper_mass') == 0.15)
-
-    def frequency():
-        (rate,) = parameters.get('force_frequencies')
-        return rate / math.tau
-
-    page.type('#knob-force_frequencies', '294 rpm')
-    until(lambda: frequency() == pytest.approx(4.9, rel=1e-12))
     # What is being typed stays, whatever comes in meanwhile.
     page.type('#knob-force_frequencies', '6', enter=False)
     assert parameters.set(force_frequencies=[math.tau * 4.0]) == ''
     page.expect('#rig-line').to_contain_text('4.000')
     page.key('Enter')
-    until(lambda: frequency() == pytest.approx(6.0))
+    until(lambda: parameters.get('force_frequencies') == [pytest.approx(math.tau * 6.0)])
 
 
 # The rig, and what is drawn of it
-
-
-def test_the_picture_is_of_this_rig(opened, parameters):
-    """The mass m is as large as it is heavy; a table is seen from the room or from itself."""
-    page = opened()
-    sizes = []
-    for mass in (0.02, 0.2):
-        assert parameters.set(damper_mass=mass) == ''
-        page.wait(f"document.querySelector('#knob-damper_mass').value === '{mass}'")
-        page.expect('#numbers').to_contain_text(f'µ = m/M{mass / 2.0:#.3g}')
-        page.drawn()
-        sizes.append(page.run('impactDamper.rig.plan.slug'))
-    # Its area is as its mass.
-    assert sizes[1] / sizes[0] == pytest.approx(math.sqrt(10.0), rel=0.1)
-    page.expect('#relative-switch').to_be_hidden()
-    shaken = {'base_amplitudes': [2.0], 'base_frequencies': [31.416], 'force_amplitudes': [0.0]}
-    assert parameters.set_atomically(**shaken, base_quantity='acceleration') == ''
-    page.expect('#rig-line').to_contain_text('base 2.00 m/s² at 5.000 Hz')
-    page.wait('Math.abs(impactDamper.history.state.base) > 0.001')
-    page.click('#relative')
-    page.wait('impactDamper.history.state.base === 0')
-    page.wait("location.hash.includes('relative=1')")
 
 
 def test_keys_and_hands_move_the_rig(opened, parameters):
@@ -428,7 +393,7 @@ def test_theory_is_drawn_and_its_curve_sets_the_gap(opened, parameters):
     curve.focus()
     # Special points are named by the keys, and by the pointer as the values under it are.
     page.wait('impactDamper.theory.curve?.special.length > 1')
-    page.wait('impactDamper.curve.places.length > 1')
+    page.wait('impactDamper.curve.marks.length > 1')
     page.tab.mouse.move(1, 1)
     page.key('n')
     page.expect('#curve .read-out').to_have_text(re.compile(r' at [\d.]+.mm, Xmax.A [\d.]+\. \w'))
@@ -606,7 +571,7 @@ def test_everything_is_in_sight_large_enough_and_accessible(opened):
     if axe:
         page.run(f'{AXE.read_text(encoding="utf-8")}; 0')
     for size, colours in (
-        *(((360, 780), (False, True)), ((768, 1024), (True,))),
+        *(((360, 780), (False,)), ((768, 1024), (True,))),
         *(((1280, 800), (False,)), ((2560, 1440), ())),
     ):
         page.resize(*size)
@@ -629,19 +594,9 @@ def test_everything_is_in_sight_large_enough_and_accessible(opened):
     page.expect('#term').to_contain_text('unit circle')
     page.expect('#term').to_be_in_viewport(ratio=1.0)
     page.key('Escape')
-    # Where the words go on below the edge, a mark says so until they are at their end.
     page.resize(*DESK)
     page.drawn()
     assert_drawn(page.run(CANVASES))
-    page.expect('#more').to_be_visible()
-
-    def at_the_end():
-        page.run('new Promise(done => setTimeout(done, 500))')
-        if page('#more').is_visible():
-            page.click('#more')
-        return page('#more').is_hidden()
-
-    until(at_the_end, 'it is never at its end')
     if not axe:
         pytest.skip('axe-core is not installed (npm install)')
 
@@ -759,18 +714,12 @@ def test_a_journey_on_a_phone(opened, live, parameters, tmp_path):
     until(lambda: parameters.get('gap_control') == 'amplitude')
 
 
-def test_firefox_shows_both_pages(live, tmp_path):
+def test_firefox_shows_both_pages(live, site):
     """The live one, and from a disk the one without installation; Chromium by all other tests."""
     node, browser = shutil.which('node'), shutil.which('firefox-esr') or shutil.which('firefox')
     if not (node and browser and (SOURCE / 'node_modules' / 'puppeteer-core').is_dir()):
         pytest.skip('Firefox, Node or puppeteer-core is not here (apt install firefox-esr nodejs)')
-    addresses = [live.address]
-    if (SOURCE / 'docs' / 'in_browser').is_dir():
-        sys.path.append(str(SOURCE / 'docs'))
-        from in_browser.build import build
-
-        build(tmp_path / 'try')
-        addresses.append(f'file://{tmp_path}/try/index.html')
+    addresses = [live.address, f'file://{site}/index.html']
     # Modules are looked for from the script on.
     words = [node, str(FIREFOX), browser, *addresses]
     ran = subprocess.run(words, capture_output=True, timeout=DEADLINE_S, check=False)
@@ -946,29 +895,6 @@ def test_my_structure_and_a_server_that_comes_back(opened, live, parameters):
     shutil.rmtree(bag)
 
 
-def test_a_node_that_dies_is_reported(tab, tmp_path):
-    """As `page:=true` of the launch file has it; loose files are recordings, one by one."""
-    loose = {'one.mcap', 'other.mcap'}
-    (tmp_path / 'runs').mkdir()
-    for name in loose:
-        (tmp_path / 'runs' / name).touch()
-    server = PageProcess(tmp_path, '--start', 'bench_rig')
-    try:
-        assert re.fullmatch(r'http://127\.0\.0\.1:\d+/', server.address)
-        page = tab.visit(server.address)
-        page.wait('impactDamper.history.impacts.length > 0')
-        page.expect('#rig-choice').to_have_value('/sim_node')
-        assert set(page('.recording strong').all_text_contents()) == loose
-        (node,) = server.children()
-        os.kill(node, signal.SIGKILL)
-        page.wait("document.querySelector('#toast').textContent.includes('by signal 9')")
-        assert 'rig_page: the node has ended by signal 9: start it again' in server.output
-        assert server.children() == []
-    finally:
-        tab.leave()
-        assert server.close(signal.SIGINT) == 0
-
-
 # A recording
 
 
@@ -1008,3 +934,151 @@ def test_a_recording_goes_on_where_the_connection_was_lost(opened, live, paramet
         page.wait(f'impactDamper.history.end {">" if playing else "==="} {left}')
         assert page.run('impactDamper.history.end') < 19.0
     shutil.rmtree(bag)
+
+
+# Without installation
+
+
+@pytest.fixture
+def from_disk(tab, site):
+    """Open pages from the disk; at the end none has complained, or asked anywhere else."""
+    asked = []
+
+    def note(request):
+        asked.append(request.url)
+
+    def open_page(place='', size=DESK):
+        tab.visit(f'file://{site}/index.html{place}', size)
+        tab.wait(MOVES)
+        return tab
+
+    tab.tab.on('request', note)
+    yield open_page
+    tab.leave()
+    tab.tab.remove_listener('request', note)
+    assert tab.console == []
+    assert asked
+    # The worker is part of the page.
+    own = f'file://{site}/', 'blob:null/'
+    assert [url for url in asked if not url.startswith(own)] == []
+
+
+def test_a_stranger_turns_the_gap_and_chooses_a_preset(from_disk):
+    page = from_disk(size=PHONE)
+    page.expect('#status').to_have_text('running')
+    page.expect('#preset-name').to_have_text('Bench rig')
+    page.expect('#verdict-text').to_have_text('2 impacts in 1 cycle, stable')
+    page.expect('#curve-line').to_contain_text('best gap 28')
+    page.type('#knob-gap', '12')
+    page.wait("location.hash.includes('gap=0.012')")
+    page.expect('#rig-line').to_contain_text('gap 12.0')
+    page.wait('impactDamper.theory.curve.gap === 0.012 && impactDamper.theory.orbit.complete')
+    page.expect('#theory-text').to_contain_text('2 impacts in 1 cycle, unstable; run ahead')
+    page.type('#knob-gap', '-3')
+    page.expect('[data-name=gap].big .error').to_contain_text('gap is -3.0 mm: give a number')
+    page.wait('impactDamper.history.state.stop_1 - impactDamper.history.state.x < 0.0061')
+    # What needs the package is not offered.
+    for button in ('#record', '#recordings-open', '#rig-choice'):
+        page.expect(button).to_be_hidden()
+    page.expect('a[href="../start/installation.html"]').to_be_attached()
+    assert page.run('document.documentElement.scrollWidth') <= PHONE[0]
+    # Pause, steps, reset
+    page.click('#pause')
+    page.expect('#status').to_have_text('paused')
+    impacts = page.run('impactDamper.history.impacts.end')
+    page.click('#step-to-impact')
+    page.wait(f'impactDamper.history.impacts.end > {impacts}')
+    page.expect('#status').to_have_text('paused')
+    page.click('#reset')
+    page.wait('Math.abs(impactDamper.history.state.x) < 1e-6')
+    page.click('#pause')
+    page.expect('#status').to_have_text('running')
+    # A preset; the link starts the same rig, also after it has been loaded anew.
+    page.click('#presets-open')
+    page.click('#presets [data-name=ring_down]')
+    page.expect('#preset-name').to_have_text('Ring-down')
+    page.expect('#rig-line').to_contain_text('no force · gap')
+    page.wait('Math.abs(impactDamper.history.state.x) > 0.005')
+    page.wait("location.hash.includes('preset=ring_down')")
+    page.expect('#curve-line').to_have_text('')
+    page.tab.reload()
+    page.wait(MOVES)
+    page.expect('#preset-name').to_have_text('Ring-down')
+
+
+def test_a_controller_moves_the_stops_and_the_base_moves(from_disk):
+    link = '#preset=bench&gap_control=timed'
+    page = from_disk(f'{link}&force_amplitudes=[0]&base_amplitudes=[0.5]')
+    page.wait("document.querySelector('#knob-gap_control').value === 'timed'")
+    page.wait('impactDamper.history.own.acts.length > 10')
+    choices = page('#knob-gap_control option').evaluate_all('all => all.map(one => one.value)')
+    assert choices == ['off', 'amplitude', 'timed']
+    page.wait("document.querySelector('#score dd').textContent !== '–'")
+    page.expect('#relative-switch').to_be_visible()
+    page.expect('#rig-line').to_contain_text('base')
+    page.click('#relative')
+    page.wait("location.hash.includes('relative=1')")
+    page.wait('impactDamper.history.state && Math.abs(impactDamper.history.state.base) < 1e-9')
+
+
+def test_plots_are_saved_with_the_values_of_the_rig(from_disk):
+    page = from_disk('#preset=bench')
+    page.click('#pictures-open')
+    saved = {}
+    kinds = (
+        'rig.png',
+        'motion.png',
+        'gap_curve.png',
+        'rig.svg',
+        'motion.svg',
+        'gap_curve.svg',
+        'impact_map.svg',
+    )
+    for name in kinds:
+        with page.tab.expect_download() as download:
+            page(f'[data-picture="{name}"]').click()
+        assert download.value.suggested_filename == name
+        saved[name] = Path(download.value.path())
+    for name, canvas in (('rig', '#rig-canvas'), ('motion', '#plot-canvas')):
+        width, height = (page(canvas).bounding_box()[one] for one in ('width', 'height'))
+        picture = Image.open(saved[f'{name}.png'])
+        assert picture.size == pytest.approx((2 * width, 2 * (height + 56)), abs=2)
+        assert len(picture.convert('RGB').getcolors(1 << 20)) > 20
+    for name, words in (
+        *(('gap_curve', 'Xmax / A'), ('impact_map', 'phase of the force (cycles)')),
+        *(('rig', 'M'), ('rig', 'm'), ('rig', 'F')),
+        *(('motion', 'rig time (s)'), ('motion', 'X, Z (mm)')),
+    ):
+        texts = [one.text for one in ElementTree.parse(saved[f'{name}.svg']).iter() if one.text]
+        assert words in texts
+        assert '1.20\u202fN at 5.000\u202fHz · gap 24.0\u202fmm' in texts
+
+
+class Folder(SimpleHTTPRequestHandler):
+    """Files of a folder, without a log."""
+
+    def log_message(self, *_arguments):
+        pass
+
+
+def test_in_the_page_of_a_lecture(tab, site):
+    """The page is embedded, from a server, with the preset of a link."""
+    link = 'try/index.html#preset=bench&gap=0.034&window=3'
+    lecture = site.parent / 'lecture.html'
+    lecture.write_text(
+        '<!DOCTYPE html><link rel="icon" href="try/icon.svg">'
+        f'<iframe src="{link}" width=800 height=700></iframe>'
+    )
+    with ThreadingHTTPServer(
+        ('127.0.0.1', 0), functools.partial(Folder, directory=site.parent)
+    ) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        tab.visit(f'http://127.0.0.1:{server.server_port}/lecture.html')
+        inside = tab.tab.frame_locator('iframe').locator
+        expect(inside('#rig-line')).to_contain_text('gap 34.0')
+        expect(inside('#status')).to_have_text('running')
+        inside('#glossary-open').click()
+        expect(inside('#glossary')).to_be_visible()
+        tab.leave()
+        server.shutdown()
+    assert tab.console == []

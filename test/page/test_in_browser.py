@@ -1,20 +1,13 @@
-"""The rig that a browser computes: its motion against CPython's, and the page from a disk."""
+"""The rig that a browser computes, in Node: its motion and theory against CPython's."""
 
 import gzip
 import json
 import math
 import sys
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
-from xml.etree import ElementTree
 
-import chromium
 import numpy as np
 import pytest
-from PIL import Image
-from playwright.sync_api import expect
 
 import impact_damper_ros
 from impact_damper_ros import Rig, RigParameters
@@ -26,7 +19,6 @@ from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.theory.expected_motion import predictions, run_ahead
 from impact_damper_ros.theory.gap_curve import follow_gap
 from impact_damper_ros.theory.motion_curve import orbit_curve
-from page.browser import Browser
 from page.compared_rigs import COMPARE, disagreements, preset_cases, random_cases
 from page.javascript import JavaScript
 from page.translated_examples import EXAMPLES
@@ -35,56 +27,10 @@ ROOT = Path(impact_damper_ros.__file__).parents[1]
 if not (ROOT / 'docs' / 'in_browser').is_dir():
     pytest.skip('the documentation is not here', allow_module_level=True)
 sys.path.append(str(ROOT / 'docs'))
-from in_browser.build import build  # noqa: E402
 from in_browser.translation import TranslationError, Translator  # noqa: E402
 
-DESK, PHONE = (1280, 800), (360, 740)
-MOVES = 'impactDamper.store.frames > 3 && impactDamper.history.impacts.length > 2'
 #: Largest size of what a browser loads, bytes.
 LARGEST = 220_000
-
-
-@pytest.fixture(scope='module')
-def site(tmp_path_factory):
-    place = tmp_path_factory.mktemp('site') / 'try'
-    build(place)
-    return place
-
-
-@pytest.fixture(scope='module')
-def browser():
-    browser = Browser(chromium.needed())
-    yield browser
-    browser.close()
-
-
-@pytest.fixture(scope='module')
-def tab(browser):
-    return browser.open()
-
-
-@pytest.fixture
-def opened(tab, site):
-    """Open pages from the disk; at the end none has complained, or asked anywhere else."""
-    asked = []
-
-    def note(request):
-        asked.append(request.url)
-
-    def open_page(place='', size=DESK):
-        tab.visit(f'file://{site}/index.html{place}', size)
-        tab.wait(MOVES)
-        return tab
-
-    tab.tab.on('request', note)
-    yield open_page
-    tab.leave()
-    tab.tab.remove_listener('request', note)
-    assert tab.console == []
-    assert asked
-    # The worker is part of the page.
-    own = f'file://{site}/', 'blob:null/'
-    assert [url for url in asked if not url.startswith(own)] == []
 
 
 # The motion
@@ -361,128 +307,6 @@ def test_rigs_without_theory_have_the_reason_of_the_package(bare, values, text):
     assert text in expected.reason
 
 
-# The page
-
-
 def test_the_folder_is_small(site):
     size = sum(len(gzip.compress(path.read_bytes())) for path in site.iterdir())
     assert size < LARGEST
-
-
-def test_a_stranger_turns_the_gap_and_chooses_a_preset(opened):
-    page = opened(size=PHONE)
-    page.expect('#status').to_have_text('running')
-    page.expect('#preset-name').to_have_text('Bench rig')
-    page.expect('#verdict-text').to_have_text('2 impacts in 1 cycle, stable')
-    page.expect('#curve-line').to_contain_text('best gap 28')
-    page.type('#knob-gap', '12')
-    page.wait("location.hash.includes('gap=0.012')")
-    page.expect('#rig-line').to_contain_text('gap 12.0')
-    page.wait('impactDamper.theory.curve.gap === 0.012 && impactDamper.theory.orbit.complete')
-    page.expect('#theory-text').to_contain_text('2 impacts in 1 cycle, unstable; run ahead')
-    page.type('#knob-gap', '-3')
-    page.expect('[data-name=gap].big .error').to_contain_text('gap is -3.0 mm: give a number')
-    page.wait('impactDamper.history.state.stop_1 - impactDamper.history.state.x < 0.0061')
-    # What needs the package is not offered.
-    for button in ('#record', '#recordings-open', '#rig-choice'):
-        page.expect(button).to_be_hidden()
-    page.expect('a[href="../start/installation.html"]').to_be_attached()
-    assert page.run('document.documentElement.scrollWidth') <= PHONE[0]
-    # Pause, steps, reset
-    page.click('#pause')
-    page.expect('#status').to_have_text('paused')
-    impacts = page.run('impactDamper.history.impacts.end')
-    page.click('#step-to-impact')
-    page.wait(f'impactDamper.history.impacts.end > {impacts}')
-    page.expect('#status').to_have_text('paused')
-    page.click('#reset')
-    page.wait('Math.abs(impactDamper.history.state.x) < 1e-6')
-    page.click('#pause')
-    page.expect('#status').to_have_text('running')
-    # A preset; the link starts the same rig, also after it has been loaded anew.
-    page.click('#presets-open')
-    page.click('#presets [data-name=ring_down]')
-    page.expect('#preset-name').to_have_text('Ring-down')
-    page.expect('#rig-line').to_contain_text('no force · gap')
-    page.wait('Math.abs(impactDamper.history.state.x) > 0.005')
-    page.wait("location.hash.includes('preset=ring_down')")
-    page.expect('#curve-line').to_have_text('')
-    page.tab.reload()
-    page.wait(MOVES)
-    page.expect('#preset-name').to_have_text('Ring-down')
-
-
-def test_a_controller_moves_the_stops_and_the_base_moves(opened):
-    link = '#preset=bench&gap_control=timed'
-    page = opened(f'{link}&force_amplitudes=[0]&base_amplitudes=[0.5]')
-    page.wait("document.querySelector('#knob-gap_control').value === 'timed'")
-    page.wait('impactDamper.history.own.acts.length > 10')
-    choices = page('#knob-gap_control option').evaluate_all('all => all.map(one => one.value)')
-    assert choices == ['off', 'amplitude', 'timed']
-    page.wait("document.querySelector('#score dd').textContent !== '–'")
-    page.expect('#relative-switch').to_be_visible()
-    page.expect('#rig-line').to_contain_text('base')
-    page.click('#relative')
-    page.wait("location.hash.includes('relative=1')")
-    page.wait('impactDamper.history.state && Math.abs(impactDamper.history.state.base) < 1e-9')
-
-
-def test_plots_are_saved_with_the_values_of_the_rig(opened):
-    page = opened('#preset=bench')
-    page.click('#pictures-open')
-    saved = {}
-    kinds = (
-        'rig.png',
-        'motion.png',
-        'gap_curve.png',
-        'rig.svg',
-        'motion.svg',
-        'gap_curve.svg',
-        'impact_map.svg',
-    )
-    for name in kinds:
-        with page.tab.expect_download() as download:
-            page(f'[data-picture="{name}"]').click()
-        assert download.value.suggested_filename == name
-        saved[name] = Path(download.value.path())
-    for name, canvas in (('rig', '#rig-canvas'), ('motion', '#plot-canvas')):
-        width, height = (page(canvas).bounding_box()[one] for one in ('width', 'height'))
-        picture = Image.open(saved[f'{name}.png'])
-        assert picture.size == pytest.approx((2 * width, 2 * (height + 56)), abs=2)
-        assert len(picture.convert('RGB').getcolors(1 << 20)) > 20
-    for name, words in (
-        *(('gap_curve', 'Xmax / A'), ('impact_map', 'phase of the force (cycles)')),
-        *(('rig', 'M'), ('rig', 'm'), ('rig', 'F')),
-        *(('motion', 'rig time (s)'), ('motion', 'X, Z (mm)')),
-    ):
-        texts = [one.text for one in ElementTree.parse(saved[f'{name}.svg']).iter() if one.text]
-        assert words in texts
-        assert '1.20\u202fN at 5.000\u202fHz · gap 24.0\u202fmm' in texts
-
-
-class Folder(SimpleHTTPRequestHandler):
-    """Files of a folder, without a log."""
-
-    def log_message(self, *_arguments):
-        pass
-
-
-def test_in_the_page_of_a_lecture(tab, site):
-    """The page is embedded, from a server, with the preset of a link."""
-    link = 'try/index.html#preset=bench&gap=0.034&window=3'
-    lecture = site.parent / 'lecture.html'
-    lecture.write_text(
-        '<!DOCTYPE html><link rel="icon" href="try/icon.svg">'
-        f'<iframe src="{link}" width=800 height=700></iframe>'
-    )
-    with ThreadingHTTPServer(('127.0.0.1', 0), partial(Folder, directory=site.parent)) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        tab.visit(f'http://127.0.0.1:{server.server_port}/lecture.html')
-        inside = tab.tab.frame_locator('iframe').locator
-        expect(inside('#rig-line')).to_contain_text('gap 34.0')
-        expect(inside('#status')).to_have_text('running')
-        inside('#glossary-open').click()
-        expect(inside('#glossary')).to_be_visible()
-        tab.leave()
-        server.shutdown()
-    assert tab.console == []

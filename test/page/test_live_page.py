@@ -188,6 +188,38 @@ def test_a_node_is_named_without_its_slash(node, tmp_path):
     assert node.running()
 
 
+def test_a_node_that_dies_is_reported(tmp_path):
+    """As `page:=true` of the launch file has it; loose files are recordings, one by one."""
+    loose = {'one.mcap', 'other.mcap'}
+    (tmp_path / 'runs').mkdir()
+    for name in loose:
+        (tmp_path / 'runs' / name).touch()
+    server = PageProcess(tmp_path, '--start', 'bench_rig')
+
+    async def watch():
+        async with opened(server) as page:
+            await page.until(lambda: with_knobs(page), 'no parameters')
+            assert with_knobs(page)[-1]['rig'] == '/sim_node'
+            await page.until(lambda: loose in listed(page))
+            (node,) = server.children()
+            os.kill(node, signal.SIGKILL)
+            notice = await page.next('notice')
+            assert 'by signal 9' in notice['text']
+
+    def listed(page):
+        lists = [m['recordings'] for m in page.of('hello')] + [
+            m['list'] for m in page.of('recordings')
+        ]
+        return [{one['name'] for one in recordings} for recordings in lists]
+
+    try:
+        asyncio.run(watch())
+        assert 'rig_page: the node has ended by signal 9: start it again' in server.output
+        assert server.children() == []
+    finally:
+        assert server.close(signal.SIGINT) == 0
+
+
 def test_ctrl_c_reaches_a_node_that_still_imports_by_the_page_alone(tmp_path):
     """Ctrl-C in a terminal reaches both; the node prints no traceback of its imports."""
     server = PageProcess(tmp_path, '--start', 'bench_rig')
