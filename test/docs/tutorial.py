@@ -41,10 +41,11 @@ _LONG = {
     'control, law=law)': 'control, law=law, compiled=not law and None)',
 }
 #: Less of the same: points of a curve, with those that the page prints among them; the part of a
-#: record that suffices to refuse a wrong mass.
+#: record that suffices to refuse a wrong mass; a design at one level, which chooses the same gap.
 _LESS = {
     '7.6Hz:12.4Hz:25': '7.6Hz:12.4Hz:7',
     '--set damper_mass=0.06': '--set damper_mass=0.06 --to 4s',
+    '--fitted fit.json': '--fitted fit.json --levels 1:1',
 }
 
 _FENCE = re.compile(r'^```(python|yaml|bash|text)\n(.*?)^```$', re.DOTALL | re.MULTILINE)

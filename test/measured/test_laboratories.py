@@ -7,7 +7,7 @@ import pytest
 from scipy.io import wavfile
 
 from impact_damper_ros.fit.measured_motion import ReadingOptions, read_table_motion
-from impact_damper_ros.measured.impacts import read_impacts
+from impact_damper_ros.measured.impacts import read_impacts, spike_times
 from impact_damper_ros.measured.record import read_record
 from impact_damper_ros.measured.sheet import TableError
 
@@ -405,6 +405,35 @@ HITS = np.array([0.3, 0.7, 1.2, 1.85])
 )
 def test_impact_times_in_one_column(written, text):
     assert read_impacts(written(text))[0] == pytest.approx(HITS)
+
+
+def test_how_many_make_a_clock_or_a_sound(written, tmp_path):
+    """20 times at equal intervals are a clock; 10 ms of sound are 20 blocks."""
+    times = [f't [s]\n{rows("{t:.4f}", TIME[:n], MOTION[:n])}' for n in (19, 20)]
+    assert len(read_impacts(written(times[0]))[0]) == 19
+    with pytest.raises(TableError, match='20 times at equal intervals, which are no impacts'):
+        read_impacts(written(times[1]))
+    path = tmp_path / 'short.wav'
+    for count, problem in ((80, None), (79, '0.00988 s of sound: record more')):
+        wavfile.write(path, 8000, np.zeros(count, np.int16))
+        if problem is None:
+            assert len(read_impacts(path)[0]) == 0
+        else:
+            with pytest.raises(TableError, match=problem):
+                read_impacts(path)
+
+
+def test_impacts_three_samples_apart_are_two():
+    acceleration = np.random.default_rng(2).normal(0.0, 1e-3, 60)
+    acceleration[[20, 23]] = 1.0, 9.0
+    time = np.arange(60) * 0.01
+    found = spike_times(time, acceleration, ringing=0.02)
+    assert found == pytest.approx([0.195, 0.225])
+
+
+def test_a_record_of_four_samples(written):
+    text = 't [s],force [N]\n' + rows('{t:.4f},{x:.4f}', TIME[:4], MOTION[:4])
+    assert read_record(written(text), 'force').values == pytest.approx(MOTION[:4], abs=1e-4)
 
 
 @pytest.mark.parametrize('kind', [np.uint8, np.int16, np.int32, np.float32])

@@ -133,6 +133,7 @@ def test_a_step_of_a_sweep(tmp_path):
         ('f [Hz],level [g]\n1,1e-4\n2,1e-4\n', "has the unit 'g'.*g.2/Hz"),
         ('f [Hz],level\n1,1e-4\n2,1e-4\n', 'has no unit'),
         ('f [Hz],level [g^2/Hz]\n1,0\n2,1e-4\n3,0\n', 'no band with a level above 0'),
+        ('f [Hz],level [g^2/Hz]\n3,1\n3,1\n', 'no band with a level above 0'),
         ('f [Hz],level [g^2/Hz],slope [dB/oct]\n1,,1\n2,,1\n', 'line 2.*no number'),
     ],
 )

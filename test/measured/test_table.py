@@ -109,6 +109,8 @@ def test_refusals(written, text, problem):
         ('t [s],x [mm]\n"0","1,5"\n"0,1","-2,25"\n', 'utf-8'),
         (',t [s],x [mm]\n0,0,1.5\n1,0.1,-2.25\n', 'utf-8'),
         ('t [s],x [mm]\nLaser 1,Laser 2\n0,1.5\n0.1,-2.25\n', 'utf-8'),
+        ('t [s],x [mm]\ns,Laser 2\n0,1.5\n0.1,-2.25\n', 'utf-8'),
+        ('t [s];x [mm]\nLaser 1;Laser 2\n0;1,5;\n0,1;-2,25;\n', 'utf-8'),
         ('[s] t,[mm] x\n0,1.5\n0.1,-2.25\n', 'utf-8'),
         ('t [s];x [mm];note\n0;1.5;"a"\n0.1;-2.250;"b"\n', 'utf-8'),
         ('t [ms],x [in]\n0,0.0590551181\n100,-0.0885826772\n', 'utf-8'),
@@ -145,6 +147,14 @@ def test_cells_without_a_number_are_missing(written):
 def test_numbers_that_may_be_read_in_two_ways(written, text, problem):
     with pytest.raises(TableError, match=problem):
         read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
+
+
+def test_a_number_beside_one_that_has_other_digits_is_clear(written):
+    text = 't [s];x [µm]\n0;998\n1;1.5\n2;1.016\n'
+    table = read_measured_table(written(text), {'time': TIME, 'x': DISPLACEMENT})
+    assert table.columns['x'].values == pytest.approx([998e-6, 1.5e-6, 1.016e-6])
+    # Both ends count
+    assert table.between(1.0, 2.0).columns['time'].values.tolist() == [1.0, 2.0]
 
 
 def test_gaps_and_times_that_do_not_rise(written):

@@ -14,7 +14,7 @@ from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from node.rig_client import LIVELY
 
 #: How many; with --hypothesis-profile=search the second.
-FEW, MANY = 50, 2000
+FEW, MANY = 30, 2000
 #: Numbers that no rig of these runs away from.
 MODEST = {
     'gap': (0.004, 0.02),

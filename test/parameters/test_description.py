@@ -107,12 +107,15 @@ def test_values_in_messages(value, text):
     assert quote(value) == text
 
 
-@pytest.mark.parametrize('value', ['x' * 10**6, ['y'] * 10**5, {'a': 'z' * 300}, b'b' * 10**5])
+@pytest.mark.parametrize(
+    'value', ['x' * 10**6 + 'end', ['y'] * 10**5, {'a': 'z' * 300}, b'b' * 10**5]
+)
 def test_long_values_are_cut(value):
     text = quote(value)
     assert len(text) < 120
     assert 'characters' in text
     assert text[:4] == repr(value)[:4]
+    assert not text.startswith("'x") or text.endswith("xend'")
 
 
 def test_printable_keeps_lines():

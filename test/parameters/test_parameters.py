@@ -157,6 +157,12 @@ def test_taken(table, name, value, want):
     assert not isinstance(got, tuple) or {type(entry) for entry in got} == {float}
 
 
+def test_the_most_harmonics():
+    most = dict.fromkeys(('amplitudes', 'frequencies', 'phases'), [1.0] * 1024)
+    rig = RigParameters(**{f'force_{name}': value for name, value in most.items()})
+    assert rig.force_phases == (1.0,) * 1024
+
+
 def test_replace():
     """All at once or not at all; the tables are frozen."""
     rig = RigParameters()
