@@ -3,8 +3,8 @@ What theory costs, here and at another commit, in turns: branches, a search, a d
 
     python benchmarks/theory.py [--beside COMMIT] [--quick] [--json FILE]
 
-CPU time of the process and its children, the least of the rounds; compiling once, in an empty
-cache.
+CPU time of the process and its children, and of commands the time by the clock, too: the least of
+the rounds; compiling once, in an empty cache.
 """
 
 from __future__ import annotations
@@ -25,22 +25,25 @@ from timing import options, say, table, write_results
 
 ROOT = Path(__file__).resolve().parents[1]
 BYTECODE = Path(tempfile.gettempdir()) / 'theory-bytecode'
-#: What is measured, in the order of the table, with its unit.
-MEASURES = {
+#: Units of what is measured, where it is not seconds.
+UNITS = {
     'follow, two impacts': 'us a point',
     'follow, sticking': 'us a point',
     'follow, over the frequency': 'us a point',
     'find_orbits, two impacts': 'ms',
     'find_orbits, three impacts': 'ms',
-    'solve_periodic': 's',
-    'design_damper': 's',
-    'compiling': 's',
 }
+_DESIGN = (
+    '--mass 5kg --frequency 10Hz --damping-ratio 2% --base 0.2g '
+    '--restitution 0.5:0.7 --rig-out damper.yaml'
+)
 COMMANDS = {
     'solve_periodic': 'bench_rig --impacts 1:4 --cycles 1:3 --viable',
-    'design_damper': '--mass 5kg --frequency 10Hz --damping-ratio 2% --base 0.2g '
-    '--restitution 0.5:0.7 --figure design.png --rig-out damper.yaml',
+    'design_damper': _DESIGN,
+    'design_damper, and its figure': f'{_DESIGN} --figure design.png',
+    'compare_run, report of 60 s': 'BAG --report report',
 }
+_CLI = 'impact_damper_ros.cli'
 
 
 def least(call: Callable[[], Any], times: int = 3) -> float:
@@ -102,12 +105,19 @@ def run(tree: Path, words: list[str], **variables: str) -> tuple[str, float]:
     return done.stdout, spent - before.children_user - before.children_system
 
 
-def measured(tree: Path) -> dict[str, float]:
-    """Measure a tree once."""
+def measured(tree: Path, bag: Path) -> dict[str, float]:
+    """Measure a tree once, the report of a bag among it."""
     results: dict[str, float] = json.loads(run(tree, [__file__, '--of-this'])[0])
-    for name, words in COMMANDS.items():
-        module = f'impact_damper_ros.cli.{name}'
-        results[name] = run(tree, ['-m', module, *words.split()])[1]
+    if not bag.exists():
+        run(
+            tree,
+            ['-m', f'{_CLI}.simulate_rig', 'bench_rig', '--duration', '60', '--bag', str(bag)],
+        )
+    for name, text in COMMANDS.items():
+        began = time.perf_counter()
+        given = text.replace('BAG', str(bag)).split()
+        results[name] = run(tree, ['-m', f'{_CLI}.{name.partition(",")[0]}', *given])[1]
+        results[f'{name}, by the clock'] = time.perf_counter() - began
     return results
 
 
@@ -151,7 +161,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as place:
         trees = {'here': ROOT}
         if arguments.beside:
-            trees = {arguments.beside: checked_out(arguments.beside, Path(place)), **trees}
+            before = checked_out(arguments.beside, Path(place) / 'tree')
+            trees = {arguments.beside: before, **trees}
         results: dict[str, dict[str, float]] = {name: {} for name in trees}
         for name, tree in trees.items():
             say(f'{name}: compiling ...')
@@ -159,12 +170,12 @@ def main() -> int:
         for turn in range(arguments.rounds):
             for name, tree in trees.items():
                 say(f'{name}: round {turn + 1} of {arguments.rounds}')
-                for measure, value in measured(tree).items():
+                for measure, value in measured(tree, Path(place) / f'{name}-bag').items():
                     best = results[name].get(measure, value)
                     results[name][measure] = min(best, value)
     rows = [
-        (f'{name} [{unit}]', *(f'{values[name]:.3g}' for values in results.values()))
-        for name, unit in MEASURES.items()
+        (f'{name} [{UNITS.get(name, "s")}]', *(f'{one[name]:.3g}' for one in results.values()))
+        for name in results['here']
     ]
     print(table(['', *results], rows))
     write_results(arguments.json, results)
