@@ -217,33 +217,6 @@ def test_a_light_damper_has_to_be_started(capsys):
     assert 'm has to be started by a push' in ' '.join(capsys.readouterr().out.split())
 
 
-@pytest.mark.parametrize(
-    ('words', 'problem'),
-    [
-        (['--base', '0.2kg'], "'kg' is no unit of it"),
-        (['--base', '0'], 'the excitation is 0'),
-        (['--base', '1mm', '--force', '1N'], 'not allowed with'),
-        (['--base', '1mm', '--mass-ratio', '10%:1%'], 'LOW:HIGH with the low end first'),
-        (['--base', '1mm', '--restitution', '1.2'], 'restitution_1 is 1.2: give a number'),
-        (['--base', '1mm', '--restitution', '0.5-0.7'], 'a range is LOW:HIGH: write 0.5:0.7'),
-        (['--base', '1mm', '--levels', '200%:300%'], 'give a range of factors around 1'),
-        (['--base', '1mm', '--damping-ratio', '0'], '--damping-ratio is 0'),
-        (['--base', '1mm', '--damping-ratio', '2'], 'from 0 to 0.9999, or 2 %'),
-        (['--base', '1mm', '--mass-ratio', '5'], 'give at most 1, or 5%'),
-        (['--base', '1mm', '--mass', 'nan'], 'primary_mass'),
-        (['--base', '1mm', '--mass', '-5kg'], 'primary_mass is -5.0 kg: give a number from'),
-        ([], 'the excitation is not known: give --base or --force'),
-    ],
-)
-def test_refusals(words, problem, capsys):
-    try:
-        code = main([*STRUCTURE[:-2], *words])
-    except SystemExit as end:
-        code = end.code
-    assert code == 2
-    assert problem in capsys.readouterr().err
-
-
 def test_without_numba(monkeypatch, capsys):
     monkeypatch.setattr('impact_damper_ros.cli.design_damper.has_numba', lambda: False)
     assert main(STRUCTURE) == 1

@@ -10,9 +10,11 @@ import pytest
 from impact_damper_ros.cli import command_line
 
 TWIN = Path(__file__).parents[2] / 'examples' / 'twin'
+BLOW = TWIN.parents[1] / 'config' / 'force_record.csv'
 #: Arguments with which a command works, before those that it refuses.
 GIVEN = {
     'compare_run': 'no_bag',
+    'design_damper': '--mass 5kg --frequency 10Hz --damping-ratio 2%',
     'fit_rig': '',
     'replay_run': 'no_bag',
     'rig_page': '',
@@ -28,6 +30,21 @@ REFUSALS = {
         ('--score --json - --markdown -', 'two outputs go to the standard output'),
         ('--report=', 'the name is empty: give that of a file or directory'),
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
+    ],
+    'design_damper': [
+        ('--base 0.2kg', "'kg' is no unit of it"),
+        ('--base 0', 'the excitation is 0'),
+        ('--base 1mm --force 1N', 'not allowed with'),
+        ('--base 1mm --mass-ratio 10%:1%', 'LOW:HIGH with the low end first'),
+        ('--base 1mm --restitution 1.2', 'restitution_1 is 1.2: give a number'),
+        ('--base 1mm --restitution 0.5-0.7', 'a range is LOW:HIGH: write 0.5:0.7'),
+        ('--base 1mm --levels 200%:300%', 'give a range of factors around 1'),
+        ('--base 1mm --damping-ratio 0', '--damping-ratio is 0'),
+        ('--base 1mm --damping-ratio 2', 'from 0 to 0.9999, or 2 %'),
+        ('--base 1mm --mass-ratio 5', 'give at most 1, or 5%'),
+        ('--base 1mm --mass nan', 'primary_mass'),
+        ('--base 1mm --mass -5kg', 'primary_mass is -5.0 kg: give a number from'),
+        ('', 'the excitation is not known: give --base or --force'),
     ],
     'fit_rig': [
         ('', 'give the file of the data, or a live topic with --topic'),
@@ -91,6 +108,20 @@ REFUSALS = {
         ('--law catch', 'the law catch'),
         ('--law no_such_module:catch', 'the law no_such_module:catch'),
         ('--law math:catch', 'the law math:catch'),
+        (
+            '--duration 1 --base-psd psd.csv --transmissibility t.csv',
+            'repeats after 40 s: give a --duration of at least 40 s',
+        ),
+        ('--transmissibility t.csv', 'give --base-psd, or leave it out'),
+        (
+            f'--set stiffness=50 --force-record {BLOW} --transmissibility t.csv',
+            'without records or a sweep: leave it out',
+        ),
+        ('--response r.csv', '--response needs a sweep: give --set sweep_mode=up, too'),
+        (
+            '--set sweep_mode=up --response r.csv --change 3:gap=20',
+            'leave it out, or --change and the records',
+        ),
     ],
     'solve_periodic': [
         ('', '--impacts'),
@@ -115,6 +146,10 @@ REFUSALS = {
             'two outputs have the same name',
         ),
         ('--impacts 2 --follow gap=20:60 --figure a.bmp', FIGURE),
+        (
+            '--impacts 2 --follow restitution=0.4:0.9 --set restitution_2=0.8',
+            'vary restitution_1 or restitution_2',
+        ),
         ('--settled --set force_amplitudes=[0]', 'give force_amplitudes or base_amplitudes'),
     ],
     'sweep_rig': [
@@ -157,6 +192,7 @@ def run(command, words):
 def place(tmp_path, monkeypatch):
     """Go to a directory of some files that are wrong."""
     (tmp_path / 'm.csv').write_text('f [Hz],level [g]\n4,1\n5,1\n')
+    (tmp_path / 'psd.csv').write_text('f [Hz],level [g^2/Hz]\n3,1e-4\n8,1e-4\n')
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -138,19 +138,6 @@ def test_bad_tables(tmp_path, capsys, option, text, problem):
     assert 'Traceback' not in printed
 
 
-def test_too_short_for_an_average(table, tmp_path, capsys):
-    options = ('--base-psd', table, '--transmissibility', tmp_path / 't.csv')
-    assert simulate('--duration', 1, *options) == 2
-    assert 'repeats after 40 s: give a --duration of at least 40 s' in capsys.readouterr().err
-    assert not (tmp_path / 't.csv').exists()
-    assert simulate('--duration', 1, '--transmissibility', tmp_path / 't.csv') == 2
-    assert 'give --base-psd, or leave it out' in capsys.readouterr().err
-    record = ('--force-record', CONFIG / 'force_record.csv')
-    assert simulate(*record, '--transmissibility', tmp_path / 't.csv') == 2
-    assert 'without records or a sweep: leave it out' in capsys.readouterr().err
-    assert not list(tmp_path.glob('[ft].*'))
-
-
 @pytest.mark.parametrize(
     'words', ['', '--base-psd psd.csv --psd-lines 20', '--set sweep_mode=up --change 1:gap=9']
 )
@@ -370,12 +357,3 @@ def test_a_notched_sweep(tmp_path, capsys):
     levels = [float(r['level [N]']) for r in rows_of(response)]
     assert levels[::4] == pytest.approx([1.5, 0.5, 1.5])
     assert 'x - b [mm]' not in rows_of(response)[0]
-
-
-def test_a_response_needs_a_sweep_of_one_rig(tmp_path, capsys):
-    response = tmp_path / 'r.csv'
-    assert simulate('--duration', 1, '--response', response) == 2
-    assert '--response needs a sweep: give --set sweep_mode=up, too' in capsys.readouterr().err
-    assert swept('--response', response, '--change', '3:gap=20mm') == 2
-    assert 'leave it out, or --change and the records' in capsys.readouterr().err
-    assert not response.exists()

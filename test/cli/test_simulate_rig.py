@@ -94,22 +94,6 @@ def test_a_rig_that_is_hit_is_not_reported_as_without_impacts(capsys):
     assert 'has not hit' not in capsys.readouterr().err
 
 
-def test_a_golden_steady_state(tmp_path, capsys):
-    code, rows = run(tmp_path, '--duration', '12000', settings=(*INCLINED, 'friction=0.5'))
-    assert code == 0
-    golden = {
-        1: (0.7579950, 4.1321400, -1.9067334, -15.9650212),
-        2: (0.2697923, -3.9291024, 2.3620421, 14.4522209),
-    }
-    for row in rows[-2:]:
-        phase, x, primary, damper = golden[row['stop']]
-        assert row['time'] * 1.02 / math.tau % 1.0 == pytest.approx(phase, abs=0.51e-7)
-        assert row['x'] == pytest.approx(x, abs=0.51e-7)
-        assert row['primary_velocity_after'] == pytest.approx(primary, abs=0.51e-7)
-        assert row['damper_velocity_after'] == pytest.approx(damper, abs=0.51e-7)
-    assert ', 0.2113439 of the ' in capsys.readouterr().err
-
-
 def test_sticking_and_release_are_events(tmp_path):
     events = tmp_path / 'events.csv'
     words = ('--duration', '26', '--events', str(events))

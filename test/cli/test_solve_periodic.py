@@ -228,13 +228,6 @@ def test_first_motion_is_followed_through_its_special_points(tmp_path, capsys):
     assert figure.read_bytes().startswith(b'\x89PNG')
 
 
-def test_one_range_for_two_different_restitutions(tmp_path, capsys):
-    options = '--impacts', '2', '--follow', 'restitution=0.4:0.9'
-    code, orbits = run(tmp_path, *options, settings=('restitution_2=0.8',))
-    assert (code, orbits) == (2, None)
-    assert 'vary restitution_1 or restitution_2' in capsys.readouterr().err
-
-
 def test_the_settled_motion_gives_period_and_stops(tmp_path, capsys):
     """Eight impacts in two cycles, the last of them before a rest: too many to try all stops."""
     settings = (

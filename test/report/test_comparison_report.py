@@ -327,6 +327,24 @@ def test_points_and_periods_that_show_nothing_more(run):
     assert 1000.0 < approach.figure.axes[0].get_xlim()[1] < 6.16 * 600.0
 
 
+def test_the_slopes_of_an_approach(run):
+    """Each line falls by its factor in a period; two points are enough to be drawn."""
+    stretch = run.stretches[0]
+    found = stretch.curves.convergence
+    with page_style():
+        (axes,) = PICTURES['convergence'](stretch).figure.axes
+    lines = {line.get_label().partition(':')[0]: line.get_ydata() for line in axes.lines}
+    for name in ('measured', 'predicted'):
+        steps = lines[name][1:] / lines[name][:-1]
+        assert steps[np.isfinite(steps)] == pytest.approx(getattr(found.decay, name))
+    for count in (1, 2):
+        few = dataclasses.replace(found, time=found.time[:count], distance=found.distance[:count])
+        curves = dataclasses.replace(stretch.curves, convergence=few)
+        with page_style():
+            picture = PICTURES['convergence'](dataclasses.replace(stretch, curves=curves))
+        assert (picture is None) == (count == 1)
+
+
 def test_predicted_motion_is_laid_over_any_time(run):
     stretch = run.stretches[0]
     curve, orbit = stretch.curves.predicted, stretch.predicted
@@ -337,7 +355,10 @@ def test_predicted_motion_is_laid_over_any_time(run):
     for at in stretch.curves.impacts['time']:
         if start <= at <= end:
             assert np.abs(hit - at).min() < 0.01
-    assert np.abs(place).max() < 37.0 / 2.0 + orbit.x_max
+    # m is at the stop that it hits
+    half = {1: 18.5, 2: -18.5}
+    places = [x + half[stop] for x, stop in zip(orbit.x, orbit.stops, strict=True)]
+    assert sorted(place) == pytest.approx(sorted(3 * places))
     time, x, y = predicted_motion(curve, start, end)
     assert start <= time[0] < start + 0.1
     assert end - 0.1 < time[-1] <= end
