@@ -179,6 +179,11 @@ def symmetric(machine: Machine) -> bool:
     )
 
 
+def first_turn(stops: tuple[int, ...]) -> tuple[int, ...]:
+    """Return a repeated stop sequence from the impact from which it comes first in order."""
+    return min(stops[i:] + stops[:i] for i in range(len(stops)))
+
+
 def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, ...]]:
     """
     List the stop sequences of N impacts in a period.
@@ -222,6 +227,6 @@ def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, 
     words = {(stop,) * impacts for stop in (1, 2) if pressed_to(machine_of(parameters), stop)}
     for code in range(1, 2**impacts - 1):
         word = tuple(1 + (code >> i) % 2 for i in range(impacts))
-        words.add(min(word[i:] + word[:i] for i in range(impacts)))
+        words.add(first_turn(word))
     changes = {w: sum(a != b for a, b in zip(w, w[1:] + w[:1], strict=True)) for w in words}
     return sorted(words, key=lambda word: (-changes[word], word)) or [(1,)]

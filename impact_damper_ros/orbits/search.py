@@ -24,11 +24,13 @@ from impact_damper_ros.parameters.rig_parameters import (
 )
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Outcome
+from impact_damper_ros.rig.snapshot import Snapshot
 
 from .arguments import (
     OrbitError,
     check_forcing,
     check_stops,
+    first_turn,
     pressed_to,
     repeats_after,
     single_harmonic,
@@ -96,6 +98,11 @@ class StartReport(NamedTuple):
     complete: bool
     starts: int = 0
     converged: int = 0
+
+    def with_those_of(self, other: Self) -> Self:
+        """Return the report with the starts of another search for the same motions."""
+        complete = self.complete or other.complete
+        return type(self)(complete, self.starts + other.starts, self.converged + other.converged)
 
     def with_guesses(self, orbits: Sequence[PeriodicOrbit | None]) -> Self:
         """Return the report with further starts, given the motions to which they led."""
@@ -244,14 +251,13 @@ def starting_rigs(parameters: RigParameters) -> Iterator[Rig]:
             yield Rig(parameters, initial, compiled=None)
 
 
-def _settled_near(rig: Rig, instant: float, cycles: int) -> Iterator[PeriodicOrbit | None]:
+def _looks(rig: Rig, cycles: int) -> Iterator[tuple[int, Snapshot]]:
     """
-    Yield the motions near that of a rig which has had time to settle, or None.
+    Yield some last states of a rig which has time to settle, and the cycles of the force before.
 
-    The rig starts at an instant of its force, s. A rig with too many events is left out.
+    They are whole numbers of periods apart. A rig with too many events is left out.
     """
-    parameters = rig.parameters
-    period = cycles * math.tau / parameters.first_harmonic[1]
+    period = cycles * math.tau / rig.parameters.first_harmonic[1]
     last = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles) - 1
     looks = range(last - 2 * (_STARTS_PER_RUN - 1), last + 1, 2)
     done = 0
@@ -262,17 +268,34 @@ def _settled_near(rig: Rig, instant: float, cycles: int) -> Iterator[PeriodicOrb
             break
         done = periods
         if periods in looks:
-            there = Rig.resume(rig.state(), compiled=rig.compiled)
-            guess = guess_along(there, instant, period)
-            yield None if guess is None else solve_orbit(parameters, guess, cycles)
+            yield periods * cycles, rig.state()
+
+
+def _motion_near(state: Snapshot, instant: float, cycles: int) -> PeriodicOrbit | None:
+    """Return the motion near a state at an instant of its force (s), or None."""
+    rig = Rig.resume(state, compiled=None)
+    parameters = rig.parameters
+    guess = guess_along(rig, instant, cycles * math.tau / parameters.first_harmonic[1])
+    return None if guess is None else solve_orbit(parameters, guess, cycles)
+
+
+@lru_cache(maxsize=4)
+def _settled_states(parameters: RigParameters, cycles: int) -> tuple[tuple[int, Snapshot], ...]:
+    """Return the states of `_looks` of all `starting_rigs`."""
+    return tuple(look for rig in starting_rigs(parameters) for look in _looks(rig, cycles))
 
 
 # For all stop sequences
 @lru_cache(maxsize=4)
 def settled_orbits(parameters: RigParameters, cycles: int) -> tuple[PeriodicOrbit | None, ...]:
-    """Return the motions near simulated motion, of `starting_rigs`, as `_settled_near`."""
-    found = (_settled_near(rig, 0.0, cycles) for rig in starting_rigs(parameters))
-    return tuple(orbit for orbits in found for orbit in orbits)
+    """Return the motions near simulated motion, of `starting_rigs`; None where there is none."""
+    # Short periods of all lengths are sought from the same states
+    short = 2 * _STARTS_PER_RUN * cycles <= _SETTLING_CYCLES
+    cycle = math.tau / parameters.first_harmonic[1]
+    return tuple(
+        _motion_near(state, done % cycles * cycle, cycles)
+        for done, state in _settled_states(parameters, 1 if short else cycles)
+    )
 
 
 def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | None]:
@@ -280,7 +303,8 @@ def _left_for(orbit: PeriodicOrbit, cycles: int) -> Iterator[PeriodicOrbit | Non
     rate = orbit.parameters.first_harmonic[1]
     for change in _CHANGES:
         rig = after_impact(orbit, orbit.parameters, change * orbit.x_max * rate)
-        yield from _settled_near(rig, orbit.instants[0], cycles)
+        for _, state in _looks(rig, cycles):
+            yield _motion_near(state, orbit.instants[0], cycles)
 
 
 def _repeat(
@@ -410,7 +434,8 @@ def find_orbits(
         Period in cycles of the force's first harmonic.
     starts : int, optional
         Number of systematic starts of the impact equations for three and more impacts; 200 for
-        each unknown instant, if not given.
+        each unknown instant, if not given. A symmetric rig is searched for the stops of the mirror
+        images, too.
     simulate : bool, optional
         Whether to use simulated motion as starts, too.
 
@@ -451,8 +476,15 @@ def find_orbits(
     if starts is not None:
         starts = whole_number('starts', starts, 0, 10_000_000)
     check_forcing(parameters, cycles)
+    mirrored = first_turn(tuple(3 - stop for stop in stops))
     try:
-        return _orbits_with(parameters, stops, cycles, starts, simulate)
+        found = _orbits_with(parameters, stops, cycles, starts, simulate)
+        if mirrored == first_turn(stops) or not symmetric(machine_of(parameters)):
+            return found
+        # Each of the two searches misses some motions of which the other finds the mirror images.
+        other = _orbits_with(parameters, mirrored, cycles, starts, simulate)
+        orbits = _distinct([*found, *(orbit.mirror_image() for orbit in other)], stops)
+        return OrbitSearch(tuple(orbits), found.report.with_those_of(other.report))
     except np.linalg.LinAlgError as error:
         raise OrbitError(
             f'the equations of this rig have no solution in double precision ({error}): give '

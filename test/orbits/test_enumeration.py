@@ -121,7 +121,8 @@ def test_starts_are_counted():
     report = found.report
     assert not report.complete
     alone = find_orbits(rig, (1, 1, 2), starts=200, simulate=False).report
-    assert alone.starts == 200 < report.starts
+    # The stops 1, 2, 2 are those of its mirror images.
+    assert alone.starts == 2 * 200 < report.starts
     assert 50 < alone.converged <= 200
     assert alone.converged < report.converged <= report.starts
 
@@ -144,6 +145,20 @@ def test_starts_are_the_same_in_parts(monkeypatch):
     whole = find_orbits(rig, (1, 1, 2, 2), simulate=False)
     monkeypatch.setattr(starts, '_MOST_AT_ONCE', 300_000)
     assert find_orbits(rig, (1, 1, 2, 2), simulate=False) == whole
+
+
+def test_stop_sequences_that_mirror_each_other_have_the_same_motions():
+    """Each of the two searches alone misses motions of this rig that the other one finds."""
+    rig = RigParameters(
+        gravity=0.1, friction=0.1, gap=34.2, restitution_1=0.45, restitution_2=0.45, damping=0.05
+    )
+    rig = rig.replace(force_frequencies=1.044)
+    one, other = find_orbits(rig, (1, 1, 2), 3), find_orbits(rig, (1, 2, 2), 3)
+    assert len(one) == len(other) > 0
+    assert any(orbit.viable for orbit in one)
+    for orbit in one:
+        assert min(orbit.mirror_image().distance(image) for image in other) < 1e-7
+    assert one.report == other.report
 
 
 def test_mirror_images_of_a_symmetric_rig():
