@@ -14,7 +14,7 @@ import numpy as np
 
 from .candidates import MOST_Z, Candidate
 from .estimate import Estimate
-from .first_course import LEAST_IMPACTS
+from .first_course import LEAST_IMPACTS, WRONG_RIG
 from .parameter_estimates import Correlations
 from .revision import Revised
 
@@ -23,11 +23,6 @@ MOST_CHI = 1.1
 #: Least number of flights that no verdict rejects, their least part of those that are not unclear,
 #: and of all.
 LEAST_FLIGHTS, LEAST_USED, LEAST_OF_ALL = 10, 0.7, 0.5
-#: Remedy for other causes where a fit fails.
-WRONG_RIG = (
-    'check that the damper was in the rig, and that masses, angle and force are right '
-    '(--also force_delay finds the phase of the force)'
-)
 #: Correlations beyond this are reported.
 CORRELATED = 0.9
 #: A standard deviation beyond this part of the value is poor.
@@ -55,7 +50,7 @@ def judge_fit(
         f'{check.meaning}: {check.name} {check.value:.3g} ± {check.standard_deviation:.2g}'
         f'{" " + check.unit if check.unit else ""}, {abs(check.z):.0f} standard deviations from 0'
         for check in checks
-        if abs(check.z) > MOST_Z and 2 * int(revised.course.flies.sum()) > len(revised.course) - 1
+        if abs(check.z) > MOST_Z and 2 * revised.obey > len(revised.course) - 1
     ]
     course = revised.course
     flights, used = len(course) - 1, int(course.flies.sum())
@@ -69,9 +64,9 @@ def judge_fit(
                 else f'record more impacts ({LEAST_IMPACTS} are the least that is tried)'
             )
         )
-    elif used < max(LEAST_USED * (flights - revised.unclear), LEAST_OF_ALL * flights):
+    elif revised.obey < max(LEAST_USED * (flights - revised.unclear), LEAST_OF_ALL * flights):
         reasons.append(
-            f'only {used} of {flights} flights obey one set of parameters'
+            f'only {revised.obey} of {flights} flights obey one set of parameters'
             f'{_where(revised)}: impacts closer than the samples, or two rigs in one record; '
             f'record at a higher rate, or with impact times; else {WRONG_RIG}'
         )

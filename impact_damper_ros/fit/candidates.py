@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Literal, NamedTuple
 
@@ -28,24 +28,29 @@ from .unknowns import CONSTANTS, Fall, later, scaled_constant
 from .vibration import Array, Phasors, Vibration
 
 _STEP = 1e-6
-#: Factors of the motion in a wrong unit, and the sentence on each.
-_UNITS = {
+#: Factors of an acceleration, of other motions and of any in a wrong unit, with a sentence each.
+_OF_ACCELERATION = {
     9.80665: 'the motion is 9.81 times too small: g were taken for m/s^2',
     1.0 / 9.80665: 'the motion is 9.81 times too large: m/s^2 were taken for g',
+}
+_OF_LENGTH = {
     25.4: 'the motion is 25.4 times too small: inches were taken for millimetres',
     1.0 / 25.4: 'the motion is 25.4 times too large: millimetres were taken for inches',
     10.0: 'the motion is 10 times too small: centimetres were taken for millimetres',
     0.1: 'the motion is 10 times too large: millimetres were taken for centimetres',
+}
+_OF_ANY = {
     1e3: 'the motion is 1000 times too small: check its unit',
     1e-3: 'the motion is 1000 times too large: check its unit',
 }
 #: Factors of the motion by a wrong sign or level.
+_RMS = 2.0**0.5
 _SIGNS = {
     -1.0: 'the sensor or the force is the other way round: reverse the sign of one of them',
-    2.0
-    ** -0.5: 'the force is 1.41 times as large as the file says, as if its rms were given for the '
+    1.0
+    / _RMS: 'the force is 1.41 times as large as the file says, as if its rms were given for the '
     'amplitude',
-    2.0**0.5: 'the force is 0.707 times as large as the file says, as if its amplitude were given '
+    _RMS: 'the force is 0.707 times as large as the file says, as if its amplitude were given '
     'for the rms',
 }
 #: Phases of the force that are tried, and the sentence on them.
@@ -63,6 +68,8 @@ _ONE_VIBRATION = 1.5
 #: Shares of costs: that another reading must save where a fit has failed, that another unit may
 #: leave where no fit was tried, and that another phase may have of the cost of another sign.
 _SAVED, _CLEARLY, _AS_GOOD = 0.15, 0.5, 0.95
+#: A force is as its rms would be within this number of standard deviations.
+_ALIKE = 3.0
 #: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
 _SECOND_MODE = 'second mode'
 _MODE_RATIOS, _MODE_DAMPING = np.geomspace(1.15, 6.0, 42), 0.02
@@ -215,7 +222,12 @@ class Evidence(NamedTuple):
             step, covariance = self.step(self._with(k), since, but=k, doubts=False)
             value, own = float(since[k] + step[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
             deviation = math.hypot(own, column.uncertainty)
-            found.append(Candidate(column.name, value, deviation, column.unit, column.meaning))
+            meaning = column.meaning
+            if column.name == 'force_amplitudes':
+                for factor in (_RMS, 1.0 / _RMS):
+                    near = abs(1.0 + value - 1.0 / factor) < _ALIKE * deviation
+                    meaning = _SIGNS[factor] if near else meaning
+            found.append(Candidate(column.name, value, deviation, column.unit, meaning))
         found.sort(key=lambda one: -abs(one.z))
         modes = [one for one in found if one.name.startswith(_SECOND_MODE)]
         # A part of the mobility is positive.
@@ -233,7 +245,9 @@ class Evidence(NamedTuple):
         across = shared @ covariance
         return np.block([[own + across @ shared.T, across], [across.T, covariance]])
 
-    def with_doubts(self, own: Array, moved: Mapping[str, float]) -> Array:
+    def with_doubts(
+        self, own: Array, moved: Mapping[str, float], checks: Sequence[Candidate]
+    ) -> Array:
         """
         Return the covariance of the shared unknowns and of the uncertain constants.
 
@@ -245,7 +259,7 @@ class Evidence(NamedTuple):
         step, covariance = self.step(free, since)
         total = 1.0
         mean = self.joint(free, own, covariance)
-        for check in self.candidates(moved):
+        for check in checks:
             k = names.index(check.name)
             odds = math.exp(0.5 * (min(abs(check.z), MOST_Z) ** 2 - _EVEN**2))
             if k in free or odds < _OUTSIDE:
@@ -439,9 +453,10 @@ def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     as_it_is = _cost(fewer, rig, deviation, _FEW)
     if as_it_is < _DEAR * len(fewer.time):
         return ''
+    units = _OF_ANY | (_OF_ACCELERATION if record.order == 2 else _OF_LENGTH)
     costs = {
         sentence: _cost(fewer, _driven_rig(rig, factor), deviation, _FEW)
-        for factor, sentence in _UNITS.items()
+        for factor, sentence in units.items()
     }
     best = min(costs, key=costs.__getitem__)
     return best if costs[best] < _CLEARLY * as_it_is else ''

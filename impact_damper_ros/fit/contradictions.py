@@ -19,13 +19,14 @@ from .vibration import Array
 MOST_GAIN = 20.0
 #: Fall of the sum of squares at which a fit with soft laws ends, and most steps of it.
 _ROUGH, _ROUGH_STEPS = 1.0, 12
-#: Most steps of a fit with exact laws, which a later round may continue.
-_STEPS = 15
+#: Most steps of a fit with exact laws, and the fall of the sum of squares at which it ends, as a
+#: later round continues it.
+_STEPS, _FAIR = 15, 0.5
 #: Median of the square of a normal variable; residuals of a flight that are too large, in standard
 #: deviations of their sum of squares.
 _MEDIAN, _LARGE = 0.4549, 6.0
 #: Fall of the sum of squares for which a flight is cut before any replay, and most rounds of cuts.
-_CONTRADICTION, _MOST_RELEASES = 100.0, 6
+CONTRADICTION, _MOST_RELEASES = 100.0, 6
 
 
 def gains_of(shooting: Shooting, solution: FitSolution) -> Array:
@@ -59,10 +60,12 @@ def to_release(gains: Array, limit: float) -> dict[int, float]:
     return chosen
 
 
-def _solve(shooting: Shooting) -> FitSolution:
-    """Return the fit of a course, which begins with soft laws."""
-    rough = solve(shooting, shooting.start(), soft=1.0, most=_ROUGH_STEPS, least_gain=_ROUGH)
-    return solve(shooting, rough.unknowns, most=_STEPS)
+def _solve(shooting: Shooting, *, softly: bool = True) -> FitSolution:
+    """Return the fit of a course, which begins with soft laws or at once."""
+    u = shooting.start()
+    if softly:
+        u = solve(shooting, u, soft=1.0, most=_ROUGH_STEPS, least_gain=_ROUGH).unknowns
+    return solve(shooting, u, most=_STEPS, least_gain=_FAIR)
 
 
 def without_contradictions(
@@ -73,10 +76,10 @@ def without_contradictions(
 
     The result is the equations of the course, their solution and the misfit of each flight.
     """
-    solution = _solve(shooting) if softly else solve(shooting, shooting.start(), most=_STEPS)
+    solution = _solve(shooting, softly=softly)
     gains = gains_of(shooting, solution)
     for _ in range(_MOST_RELEASES):
-        chosen = to_release(gains, _CONTRADICTION)
+        chosen = to_release(gains, CONTRADICTION)
         if not chosen:
             break
         course = shooting.course_of(solution.unknowns)

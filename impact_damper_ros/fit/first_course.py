@@ -34,6 +34,11 @@ _CHANGE, _CHANGE_DAMPING = 1e-3, 2e-2
 
 #: Least number of impacts for a fit, and least number of flights from stop to stop.
 LEAST_IMPACTS, _LEAST_TRANSITS = 6, 4
+#: Remedy for other causes where a fit fails.
+WRONG_RIG = (
+    'check that the damper was in the rig, and that masses, angle and force are right '
+    '(--also force_delay finds the phase of the force)'
+)
 
 
 class UnfitRecordError(Exception):

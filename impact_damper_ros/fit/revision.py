@@ -15,8 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .contradictions import MOST_GAIN, gains_of, to_release, without_contradictions
+from .contradictions import (
+    CONTRADICTION,
+    MOST_GAIN,
+    gains_of,
+    to_release,
+    without_contradictions,
+)
 from .course import Course, Flags
+from .first_course import WRONG_RIG, UnfitRecordError
 from .gauss_newton import FitSolution, solve
 from .relaxation import Problem
 from .replayed_course import STICKS, Memory, ReplayedCourse
@@ -29,16 +36,16 @@ _MOST_ROUNDS, _MOST_VERDICTS = 6, 8
 _HOPELESS, _EARLY = 0.5, 2
 #: Largest law, in standard deviations of the data, that counts as exact.
 _EXACT = 5e-2
-#: Rise of chi that undoes a round, and most undone rounds.
-_WORSE, _MOST_UNDONE = 1.15, 3
+#: Rise of chi that undoes a round, most undone rounds, and rounds that leave contradictions.
+_WORSE, _MOST_UNDONE, _MOST_CONTRARY = 1.15, 3, 2
 #: Most rounds that begin with one course; a flight cut twice at an instant stays cut.
 _MOST_REPEATS = 3
 #: A replay ends at the impact if it is there within this many samples or this part of a period.
 _SAMPLES, _PART = 1.2, 0.025
 #: An impact slower than this part of the median speed is doubtful.
 _GRAZING = 0.02
-#: Why a flight is left out whose reversal may be none.
-FLAT = 'm hardly reverses in it'
+#: Why flights are left out whose reversal may be none, or whose laws are not put to a test.
+FLAT, UNCONFIRMED = 'm hardly reverses in it', 'no other flight confirms it'
 #: Times of one impact are this close between rounds, in natural periods.
 _SAME = 0.05
 
@@ -75,8 +82,16 @@ class Revised(NamedTuple):
     @property
     def unclear(self) -> int:
         """Number of flights that are left out though the engine makes them as measured."""
-        whys = (self.why_cut.get(int(k)) for k in np.flatnonzero(self.course.begins))
-        return sum(why in (STICKS, FLAT) for why in whys)
+        return self._left_out(STICKS, FLAT)
+
+    @property
+    def obey(self) -> int:
+        """Number of flights that no verdict rejects, whether another one confirms them or not."""
+        return int(self.course.flies.sum()) + self._left_out(UNCONFIRMED)
+
+    def _left_out(self, *whys: str) -> int:
+        """Return the number of flights that are left out for some reasons."""
+        return sum(self.why_cut.get(int(k)) in whys for k in np.flatnonzero(self.course.begins))
 
     @property
     def grazes(self) -> Flags:
@@ -95,26 +110,29 @@ class Revised(NamedTuple):
 
         The engine must reproduce each flight. Its events must be the same for parameters near the
         fitted ones: where m hardly reverses the instant is fixed, and a doubtful impact requires
-        that m touches the stop exactly; both would determine the parameters too well. Where the
-        motion begins anew at an impact that was not measured, m may also stick before the next
-        one: its velocity is free, so that any reversal fits, and friction on M is a guess. And chi
-        squared must not fall by much if its laws are released.
+        that m touches the stop exactly; both would determine the parameters too well. Beside a
+        rejected flight, instant and velocity of m are free at an impact that was not measured: any
+        number of reversals meets the laws there, and friction on M is a guess; so it is between
+        two rejected flights. And chi squared must not fall by much if its laws are released.
         """
         course, shooting = self.course, self.shooting
         tolerance, same = _tolerances(shooting)
         turn = ReplayedCourse(course, shooting, Memory(same), {}, tolerance)
-        timed, grazes = len(shooting.impact_times) > 0, self.grazes
+        grazes, free = self.grazes, course.measured < 0
+        # What is beside an unconfirmed flight has been confirmed by that.
+        breaks = np.append(course.begins, True)
+        breaks[[k for k, why in self.why_cut.items() if why == UNCONFIRMED]] = False
+        first, last = breaks[:-2], breaks[2:]
         found: dict[int, str] = {}
         for k in map(int, np.flatnonzero(course.flies)):
-            free = course.begins[k] and course.measured[k] < 0
             if not turn.confirms(k):
                 found[k] = 'the engine does not arrive as measured'
             elif course.held[k].any():
                 found[k] = FLAT
             elif grazes[k] or grazes[k + 1]:
                 found[k] = 'm hardly touches a stop'
-            elif free and (timed or len(course.reversals[k])):
-                found[k] = 'the motion of m before it is not known'
+            elif (first[k] and last[k]) or (first[k] & free[k]) or (last[k] & free[k + 1]):
+                found[k] = UNCONFIRMED
         dear = to_release(self.gains, MOST_GAIN) or (
             unmet(shooting, self.solution) if self.solution.broken > _EXACT and not found else {}
         )
@@ -170,12 +188,19 @@ def _tolerances(shooting: Shooting) -> tuple[float, float]:
 
 
 def revise(course: Course, problem: Problem) -> Revised:
-    """Revise and fit a course until it does not change, or for `_MOST_ROUNDS` rounds."""
+    """
+    Revise and fit a course until it does not change, or for `_MOST_ROUNDS` rounds.
+
+    Raises
+    ------
+    UnfitRecordError
+        If rounds end with flights that contradict the others, though many were left out.
+    """
     shooting = problem(course)
     tolerance, same = _tolerances(shooting)
     memory = Memory(same)
     course, least_chi = _first_fit(course, problem)
-    undone = 0
+    undone = contrary = 0
     gains_now: dict[int, float] = {}
     kept: Revised | None = None
     seen: Counter[object] = Counter()
@@ -196,6 +221,7 @@ def revise(course: Course, problem: Problem) -> Revised:
         shooting, solution, gains = without_contradictions(
             problem, shooting, turn.why_cut, softly=True
         )
+        contrary += bool(to_release(gains, CONTRADICTION))
         cut_again = shooting.course.begins & ~proposed.begins
         memory.cuts += [(time, 1) for time in shooting.course.time[cut_again].tolist()]
         proposed = shooting.course
@@ -212,6 +238,10 @@ def revise(course: Course, problem: Problem) -> Revised:
         if solution.broken > 1.0 and not gains_now:
             gains_now = unmet(shooting, solution)
         kept = Revised(course, shooting, solution, gains, turn.why_cut)
+        if contrary >= _MOST_CONTRARY:
+            raise UnfitRecordError(
+                f'flights contradict each other, whichever of them are left out: {WRONG_RIG}'
+            )
         if course.flies.mean() < _HOPELESS * (number >= _EARLY) or not course.flies.any():
             break
     assert kept is not None

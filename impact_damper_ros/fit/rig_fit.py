@@ -23,19 +23,19 @@ from numpy.typing import NDArray
 from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
-from .acceptance import LEAST_USED, MOST_CHI, WRONG_RIG, judge_fit
+from .acceptance import LEAST_USED, MOST_CHI, judge_fit
 from .candidates import OVER_SPEED, Candidate, Evidence, misreading, shared_with_fall, wrong_file
 from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
-from .first_course import UnfitRecordError, clock_offset_of, first_course
+from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
 from .gauss_newton import FitSolution, System
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
 from .partition import Record, noise_between, noise_of
 from .record_check import faults_of
 from .relaxation import relax
-from .revision import Revised, revise
+from .revision import UNCONFIRMED, Revised, revise
 from .shooting import Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
 from .vibration import ORDERS, Array
@@ -53,6 +53,8 @@ _ENOUGH = 0.95
 #: A fall of restitution beyond so many standard deviations is fitted; first courses are alike with
 #: as many impacts and stiffnesses that differ by less than this part.
 _FALL, _SAME_STIFFNESS = 3.0, 1e-3
+#: Largest v/v_c that is fitted: above it R is nearly a power of the speed.
+_STEEPEST = 100.0
 #: Samples closer to an impact than this (s), or this many samples, are not used of a velocity or
 #: an acceleration, which jumps there.
 _CONTACT, _AROUND = 1e-3, 0.75
@@ -177,6 +179,10 @@ class FitOptionError(ValueError):
     """An unknown option of a fit."""
 
 
+class OtherLawError(Exception):
+    """A record that a fit explains but for the law of restitution; the text has the remedy."""
+
+
 def fit_rig(
     measured: MeasuredMotion,
     start: RigParameters,
@@ -252,7 +258,10 @@ def fit_rig(
     began = float(measured.time[0])
     if abs(began) < _FAR or start.multisine_level:
         began = 0.0
-    found = _fit(_earlier(measured, began), later(start, -began), also, asked)
+    try:
+        found = _fit(_earlier(measured, began), later(start, -began), also, asked)
+    except OtherLawError as error:
+        return _refusal(measured, [str(error)])
     found = found._replace(remarks=[*remarks, *found.remarks])
     return _on_clock(found, began) if began else found
 
@@ -319,13 +328,9 @@ def _fit(
             return _fitted_record(measured, record, unknowns, times, noise, least, course)
         except UnfitRecordError as error:
             return _refusal(measured, [str(error)])
-        except ParameterError as error:
-            return _refusal(measured, [f'no such rig moves like that (its {error}): {WRONG_RIG}'])
-        except (RuntimeError, np.linalg.LinAlgError) as error:
-            # A matrix without an inverse, or a flight that the engine cannot compute
-            return _refusal(
-                measured, [f'the equations of the fit have no unique solution ({error})']
-            )
+        except (ParameterError, RuntimeError, np.linalg.LinAlgError):
+            # No such rig, a flight that the engine cannot compute, or no unique solution
+            return _refusal(measured, [f'no rig like this one moves as recorded: {WRONG_RIG}'])
 
     offset = clock_offset_of(record, start) if 'bias' in extras else 0.0
     level = record._replace(motion=record.motion - offset * record.weight)
@@ -351,7 +356,7 @@ def _same_start(one: Course, other: Course) -> bool:
 
 def _explains_record(found: RigFit) -> bool:
     """Return whether a fit describes enough of the record to find faults of the model."""
-    used = sum(flight.used for flight in found.flights)
+    used = sum(flight.used or flight.why_not == UNCONFIRMED for flight in found.flights)
     return used >= LEAST_USED * max(len(found.flights), 1) and found.chi_squared < MOST_CHI**2
 
 
@@ -372,42 +377,14 @@ def _fitted_record(
     def problem(course: Course) -> Shooting:
         return Shooting(record, noise, unknowns, course, times, measured.impact_deviation, masked)
 
-    course = relax(course, problem, timed=len(times) > 0)
-    noise = max(_noise(problem(course), rough), least)
-    found = revise(course, problem).without_rejected(problem)
-    if not found.course.flies.any():
-        return _refusal(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
-    # Weights of data and of impact times by the noise of the residuals
-    noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
-    found = found.solve(problem)
-    scale = _scale(measured, found)
     moved: dict[str, float] = {}
-    remarks: list[str] = []
-    known = Knowledge.of(found, scale, moved)
-    for again in (False, True):
-        if again:
-            few = found.course.flies.mean() < _ENOUGH
-            checks = Evidence.of(found.shooting, found.solution, scale).candidates(moved)
-            fall = _fall(checks, unknowns)
-            if fall is not None:
-                unknowns = unknowns._replace(extras=(*unknowns.extras, 'slowness'))
-                course = found.course.copy()
-                course.shared = shared_with_fall(
-                    found.shooting, found.solution.unknowns, fall.value
-                )
-                found = found._replace(course=course)
-                remarks = [
-                    'restitution_speed is fitted: that R falls with the speed of impact is '
-                    f'{abs(fall.z):.0f} standard deviations from 0'
-                ]
-            elif not few or max(map(abs, moved.values()), default=0.0) < _MOVED:
-                break
-            # Flights were left out with constants that have changed since.
-            few = few or fall is not None
-            found = revise(found.course, problem) if few else found.solve(problem)
-            known = Knowledge.of(found, scale, moved)
+
+    def with_constants(found: Revised) -> tuple[Revised, Knowledge]:
+        """Return the fit with constants by record and file, without rejected flights."""
+        nonlocal moved, unknowns
+        known = Knowledge.of(found, scale, moved)
         for _ in range(_MOST_CONSTANTS):
-            if not known.moves or found.course.flies.mean() < 0.5:
+            if not known.moves or 2 * found.obey < len(found.course.flies):
                 break
             moved = {name: moved.get(name, 0.0) + step for name, step in known.steps.items()}
             unknowns = unknowns._replace(rig=known.rig)
@@ -415,10 +392,47 @@ def _fitted_record(
             known = Knowledge.of(found, scale, moved)
         flights = int(found.course.flies.sum())
         found = found.without_rejected(problem)
-        if not found.course.flies.any():
-            return _refusal(measured, [f'no flight obeys the laws of the damper: {WRONG_RIG}'])
-        if found.course.flies.sum() < flights:
-            known = Knowledge.of(found, scale, moved)
+        _check_flights(found)
+        return found, Knowledge.of(
+            found, scale, moved
+        ) if found.course.flies.sum() < flights else known
+
+    course = relax(course, problem, timed=len(times) > 0)
+    noise = max(_noise(problem(course), rough), least)
+    found = revise(course, problem).without_rejected(problem)
+    _check_flights(found)
+    # Weights of data and of impact times by the noise of the residuals
+    noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
+    found = found.solve(problem)
+    scale = _scale(measured, found)
+    remarks: list[str] = []
+    found, known = with_constants(found)
+    examined = found
+    evidence = Evidence.of(found.shooting, found.solution, scale)
+    checks = evidence.candidates(moved)
+    few = found.obey < _ENOUGH * len(found.course.flies)
+    changed = max(map(abs, moved.values()), default=0.0) > _MOVED
+    fall = _fall(checks, unknowns)
+    if fall is not None:
+        unknowns = unknowns._replace(extras=(*unknowns.extras, 'slowness'))
+        course = found.course.copy()
+        course.shared = shared_with_fall(found.shooting, found.solution.unknowns, fall.value)
+        try:
+            found = revise(course, problem).without_rejected(problem)
+            _check_fall(found)
+            found, known = with_constants(found)
+        except (UnfitRecordError, ParameterError, RuntimeError, np.linalg.LinAlgError) as error:
+            raise OtherLawError(
+                'restitution depends on the speed of impact, but not as a restitution_exponent of '
+                f'{unknowns.rig.restitution_exponent:g} has it: give another one'
+            ) from error
+        remarks = [
+            'restitution_speed is fitted: that R falls with the speed of impact is '
+            f'{abs(fall.z):.0f} standard deviations from 0'
+        ]
+    elif few and changed:
+        # Flights were left out with constants that have changed since.
+        found, known = with_constants(revise(found.course, problem).without_rejected(problem))
     if unknowns.value(found.course.shared, 'slowness') < 0.0:
         # No rig has a restitution that grows with the speed.
         unknowns = unknowns._replace(extras=unknowns.extras[:-1])
@@ -427,13 +441,28 @@ def _fitted_record(
         found = found.solve(problem, course).without_rejected(problem)
         known = Knowledge.of(found, scale, moved)
         remarks = ['restitution does not fall with the speed of impact in this record']
-    evidence = Evidence.of(found.shooting, found.solution, scale)
+    if found is not examined:
+        evidence = Evidence.of(found.shooting, found.solution, scale)
+        checks = evidence.candidates(moved)
     own = _own_covariance(found.shooting, found.solution, scale)
-    known = known._replace(covariance=evidence.with_doubts(own, moved))
-    checks = evidence.candidates(moved)
+    known = known._replace(covariance=evidence.with_doubts(own, moved, checks))
     shown = max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     result = _result(measured, found, found.chi * noise / shown, checks, known)
     return result._replace(remarks=[*remarks, *result.remarks])
+
+
+def _check_fall(found: Revised) -> None:
+    """Raise `UnfitRecordError` if restitution falls by more than its exponent lets it."""
+    shooting, u = found.shooting, found.solution.unknowns
+    slowness = shooting.unknowns.value(found.course.shared, 'slowness')
+    if slowness * float(shooting.speeds(u).max()) > _STEEPEST:
+        raise UnfitRecordError('restitution at rest is without bound')
+
+
+def _check_flights(found: Revised) -> None:
+    """Raise `UnfitRecordError` if no flight is left."""
+    if not found.course.flies.any():
+        raise UnfitRecordError(f'no flight obeys the laws of the damper: {WRONG_RIG}')
 
 
 def _fall(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:

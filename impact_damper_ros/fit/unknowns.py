@@ -26,6 +26,8 @@ from .vibration import Array
 EXTRAS = ('bias', 'force_delay', 'slowness')
 #: A slowness that counts as zero, s/m, where derivatives by the slowness are taken.
 _NO_SLOWNESS = 1e-8
+#: Least v/v_c; from -1 on the law has no value.
+_LEAST_RISE = -0.5
 
 
 class Constant(NamedTuple):
@@ -166,6 +168,7 @@ class Unknowns(NamedTuple):
             return alpha, nothing + 1.0, nothing, nothing
         slowness = self.value(shared, 'slowness')
         slowness = slowness if abs(slowness) > _NO_SLOWNESS else _NO_SLOWNESS
+        slowness = max(slowness, _LEAST_RISE / float(speed.max(initial=_NO_SLOWNESS)))
         at_rest = self.restitution(alpha)
         part, slope = bounce(Fall(slowness, self.rig.restitution_exponent), 1.0, speed)
         there = self.alpha(at_rest * part)

@@ -38,6 +38,14 @@ def test_millimetres_for_metres(bench):
     assert 'check the units' in fit.reasons[0]
 
 
+def test_g_for_metres_per_second_squared():
+    rng = np.random.default_rng(108)
+    rig = random_rig(rng)
+    record = measure(rig, rng, impacts=60, quantity='acceleration').record
+    fit = refused(record._replace(motion=record.motion / 9.80665), guess_of(rig, rng))
+    assert 'g were taken for m/s^2' in fit.reasons[0]
+
+
 def test_noise_alone(bench):
     _, start, record = bench
     noise = np.random.default_rng(1).normal(0.0, 1e-3, len(record.time))

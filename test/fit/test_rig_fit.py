@@ -101,6 +101,16 @@ def test_restitution_that_falls_with_the_speed(seed):
     assert fit.rig.restitution_speed == pytest.approx(fit.parameters['restitution_speed'].value)
 
 
+def test_restitution_that_falls_otherwise_is_named():
+    """By more than the exponent lets it: the equations have no solution."""
+    rng = np.random.default_rng(176828293)
+    rig = random_rig(rng)
+    start = guess_of(rig, rng)
+    fit = fit_rig(measure_other(rig, rng, noise=0.01, fall=0.3), start)
+    assert not fit.accepted
+    assert 'but not as a restitution_exponent of 0.25 has it' in fit.reasons[0]
+
+
 def test_a_constant_restitution_stays_one_if_a_fall_is_asked_for():
     """Its slowness is about zero: the interval has no upper end, or it is left out."""
     rng = np.random.default_rng(105)

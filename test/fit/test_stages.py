@@ -25,7 +25,7 @@ from impact_damper_ros.fit.partition import (
 )
 from impact_damper_ros.fit.relaxation import _begin_parts, relax
 from impact_damper_ros.fit.replayed_course import STICKS
-from impact_damper_ros.fit.revision import Revised
+from impact_damper_ros.fit.revision import UNCONFIRMED, Revised
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import CONSTANTS, Unknowns
 from impact_damper_ros.fit.vibration import ORDERS, Vibration
@@ -190,6 +190,24 @@ def test_flights_that_contradict_the_others_are_cut():
     assert solution.broken < 0.01
 
 
+@pytest.mark.parametrize('timed', [True, False])
+def test_flights_beside_rejected_ones_do_not_count_unless_their_impact_was_measured(timed):
+    _, _, course, problem, _ = known(101, timed=timed)
+    flights = range(len(course) - 1)
+    left_out = 10, 12, 20
+    for k in left_out:
+        course.leave_out(k)
+    shooting = problem(course)
+    solution = solve(shooting, shooting.start())
+    gains = gains_of(shooting, solution)
+    found = Revised(course, shooting, solution, gains, dict.fromkeys((11, 13, 21), 'rejected'))
+    found = found.without_rejected(problem)
+    alone = [k for k in flights if found.why_cut.get(k + 1) == UNCONFIRMED]
+    assert alone == ([11] if timed else [0, 9, 11, 13, 19, 21, flights[-1]])
+    assert found.obey == len(flights) - len(left_out)
+    assert found.verdicts() == {}
+
+
 def test_the_worst_of_neighbours_are_released():
     gains = np.array([0.0, 30.0, 80.0, 70.0, 5.0, 60.0])
     assert to_release(gains, 20.0) == {2: 80.0, 5: 60.0}
@@ -304,6 +322,8 @@ CHECK = Candidate('force amplitude', 0.1, 0.02, '', 'the force is not as large a
         # What sticks contradicts nothing, but half of the flights must count
         (69, 100, {'why': dict.fromkeys(range(80, 101), STICKS)}, []),
         (49, 100, {'why': dict.fromkeys(range(50, 101), STICKS)}, ['only 49 of 100 flights obey']),
+        # Nor does what nothing confirms
+        (60, 100, {'why': dict.fromkeys(range(80, 101), UNCONFIRMED)}, []),
         (9, 9, {}, ['9 of 9 flights between impacts obey']),
         (93, 100, {'chi': 1.09}, []),
         (93, 100, {'chi': 1.12}, ['the residuals are 1.12 times as large']),
