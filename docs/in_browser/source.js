@@ -291,10 +291,14 @@ class RigInPage extends Source {
   }
 }
 
-/** In a worker: answer the newest request, in parts between which another one may come. */
+/** In a worker: answer the newest request, in parts between which another one may come; after an answer that has some time. */
 function theorist() {
-  const LONGEST_PART = 15;
-  let [asked, before, working] = [null, null, false];
+  const [LONGEST_PART, QUIET] = [15, 200];
+  let [asked, before, working, wake] = [null, null, false, () => {}];
+  const wait = (time) => new Promise((resolve) => {
+    wake = resolve;
+    setTimeout(resolve, time);
+  });
   const work = async () => {
     working = true;
     for (let request = asked; request; request = asked === request ? null : asked) {
@@ -306,7 +310,7 @@ function theorist() {
           postMessage({ course: request.course, document });
         }
         if (answer || performance.now() > begun + LONGEST_PART) {
-          await new Promise((resolve) => { setTimeout(resolve); });
+          await wait(answer ? QUIET : 0);
           begun = performance.now();
         }
         if (asked !== request) break;
@@ -316,6 +320,7 @@ function theorist() {
   };
   globalThis.onmessage = ({ data }) => {
     asked = data;
+    wake();
     if (!working) work();
   };
 }

@@ -342,12 +342,12 @@ function orbitNear(parameters, impact, phase, cycles) {
   return solve_orbit(parameters, guessAlong(rig_on(flight, parameters), instant, cycles * cycle), cycles);
 }
 
-/** Motions of one impact on each stop in some cycles that the theory of impacts has, the best first. */
-function orbitsOfTheory(parameters, cycles) {
+/** Motions of one impact on each stop in some cycles that the theory of impacts has. */
+function* orbitsOfTheory(parameters, cycles) {
   const stops = parameters.one_sided ? [1] : [1, 2];
   const { constants } = machine_of(parameters);
   const problem = new PeriodicProblem(parameters, impact_nodes(stops), cycles);
-  if (parameters.harmonics[0].length > 1 || (parameters.one_sided && constants.grip > 0)) return [];
+  if (parameters.harmonics[0].length > 1 || (parameters.one_sided && constants.grip > 0)) return;
   const places = [];
   const scan = (first, end, points) => {
     for (let room = ROWS_OF_TRACE; ;) {
@@ -364,7 +364,6 @@ function orbitsOfTheory(parameters, cycles) {
     const points = Math.min(1e5, Math.ceil(POINTS_PER_CYCLE * cycles * Math.max(1, parameters.omega / parameters.first_harmonic[1])));
     scan(0, points + 24, points);
   }
-  const orbits = [];
   for (const place of places) {
     const solution = problem.solveFrom(place);
     if (!solution) continue;
@@ -372,9 +371,8 @@ function orbitsOfTheory(parameters, cycles) {
     const scale = Math.max(problem.length * problem.parameters.first_harmonic[1], ...before.map(([, speed]) => Math.abs(speed)));
     if (!(Math.min(...before.map(([, , , speed]) => Math.abs(speed))) > 1e-7 * scale)) continue;
     const orbit = orbitOf(solution);
-    if (!orbit.repeats(1e-7)) addTo(orbits, orbit);
+    if (!orbit.repeats(1e-7)) yield orbit;
   }
-  return orbits;
 }
 
 /** Keep a motion, unless it is known, in order; return the one that is kept. */
@@ -878,7 +876,12 @@ function* theoryOf({ parameters, control, run, angles, before = null }) {
     Object.assign(prediction, { expected: orbits[0], basis: 'listed' });
     yield show();
   } else yield document_;
-  if (moved) for (const orbit of orbitsOfTheory(rig, cycles)) addTo(orbits, orbit);
+  if (moved) {
+    for (const orbit of orbitsOfTheory(rig, cycles)) {
+      addTo(orbits, orbit);
+      yield null;
+    }
+  }
   const ahead = yield* settle(continued(new Rig(rig), run, angles), MOST_CYCLES_AHEAD);
   const quick = prediction.expected;
   const reached = ahead.orbit && addTo(orbits, ahead.orbit);
