@@ -1,6 +1,5 @@
 """A browser, and pages that collect the messages of their console."""
 
-import contextlib
 import json
 import time
 from pathlib import Path
@@ -67,20 +66,16 @@ class Page:
             # In the process that has shown the page, which is twice as quick as in another one
             there = json.dumps(address)
             with self.tab.expect_navigation():
-                self.run(f"""sessionStorage.clear(); history.replaceState(null, '', {there});
-                    location.reload()""")
+                self.run(f"history.replaceState(null, '', {there}); location.reload()")
         else:
             self.leave()
             self.tab.goto(address)
         return self
 
     def leave(self):
-        """Show nothing, and keep nothing."""
-        if self.tab.url == 'about:blank':
-            return
-        with contextlib.suppress(Error):  # where there is no storage
-            self.run('sessionStorage.clear()')
-        self.tab.goto('about:blank')
+        """Show nothing."""
+        if self.tab.url != 'about:blank':
+            self.tab.goto('about:blank')
 
     def __call__(self, selector):
         """Return what stands at a selector."""

@@ -2,7 +2,6 @@
 // The whole state in the address: a link reproduces rig, settings and view.
 
 const VIEW = ['window', 'theory', 'slow', 'relative', 'large'];
-const OWN = 'address-written';
 
 /** Read the state that an address holds. */
 export function readAddress() {
@@ -24,13 +23,7 @@ export function readAddress() {
 }
 
 /** Whether the page itself wrote this address in this tab: then there is nothing to reproduce. */
-export function isOwnAddress() {
-  try {
-    return sessionStorage.getItem(OWN) === location.hash;
-  } catch {
-    return false;
-  }
-}
+export const isOwnAddress = () => Boolean(history.state?.own);
 
 let due = 0;
 
@@ -47,11 +40,6 @@ export function writeAddress(state) {
     for (const [name, value] of Object.entries(state.view)) kept.set(name, value);
     // Slashes and brackets are legal in a fragment, and easier to read.
     const hash = `#${kept.toString().replace(/%2F/g, '/').replace(/%5B/g, '[').replace(/%5D/g, ']').replace(/%2C/g, ',')}`;
-    history.replaceState(null, '', hash);
-    try {
-      sessionStorage.setItem(OWN, location.hash);
-    } catch {
-      // Storage may be switched off.
-    }
+    history.replaceState({ own: true }, '', hash);
   }, 150);
 }

@@ -55,7 +55,7 @@ export class Reporter extends EventTarget {
   }
 }
 
-/** Events: `message` and `frame` with what has come in, `lost`, `missing` and `again`. */
+/** Events: `message` and `frame` with what has come in, `lost`, `missing`, and `again` once a server is there, again or at last. */
 export class Connection extends Reporter {
   constructor() {
     super();
@@ -73,8 +73,6 @@ export class Connection extends Reporter {
     this.pending = new Map();
     /** Whether the server has begun to show what was joined. */
     this.joined = false;
-    /** Whether the connection was lost, and is not there again. */
-    this.lost = false;
   }
 
   /** Join a rig, a recording, or what the server offers first. */
@@ -103,7 +101,6 @@ export class Connection extends Reporter {
         this.emit('missing');
         return;
       }
-      this.lost = true;
       this.emit('lost');
       this.timer = setTimeout(() => this.open(), this.wait);
       this.wait = Math.min(LONGEST_WAIT, 1.6 * this.wait);
@@ -134,10 +131,7 @@ export class Connection extends Reporter {
     }
     this.emit('message', message);
     for (const { message: asked } of again) this.send(asked);
-    if (anew && this.lost) {
-      this.lost = false;
-      this.emit('again');
-    }
+    if (anew) this.emit('again');
   }
 
   /** Give up requests, all or some of them. */

@@ -23,12 +23,8 @@ export class Screen {
     this.panels = panels;
     this.version = -1;
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.recolour());
-    let size = 0;
-    addEventListener('resize', () => {
-      const now = parseFloat(getComputedStyle(document.documentElement).fontSize);
-      if (now !== size) this.recolour();
-      size = now;
-    });
+    // The size of letters may be another one.
+    addEventListener('resize', () => this.recolour());
     store.on('rescale', ({ time }) => this.rescale(time));
     store.on('change', ({ another, time }) => { if (another) this.rescale(time); });
     store.on('theory', () => this.redraw());

@@ -15,8 +15,6 @@ export class SlowMotion {
     this.history = history;
     this.drawing = new RigDrawing(byId('slow-canvas'));
     this.stage = byId('slow-stage');
-    this.on = false;
-    this.options = null;
     this.clear();
   }
 
@@ -26,7 +24,6 @@ export class SlowMotion {
   }
 
   switch(on) {
-    this.on = on;
     this.stage.hidden = !on;
     byId('rig').classList.toggle('split', on);
     this.clear();
@@ -47,7 +44,7 @@ export class SlowMotion {
   }
 
   draw(now, options) {
-    if (!this.on || !this.history.state) return;
+    if (this.stage.hidden) return;
     if (!this.film || now > this.film.begun + this.film.takes + PAUSE) this.film = this.cut(now);
     const { film } = this;
     const { own } = this.history;

@@ -71,12 +71,9 @@ export class Store extends Reporter {
         this.setStatus(message.state, message.text, message.time ?? NaN);
         return undefined;
       case 'parameters': return this.takeChange(message);
-      case 'numbers':
-        this.numbers = message;
-        return this.emit('numbers');
-      case 'diagnostics':
-        this.diagnostics = message;
-        return this.emit('diagnostics');
+      case 'numbers': case 'diagnostics':
+        Object.assign(this, { [message.type]: message });
+        return this.emit(message.type);
       case 'orbit': case 'gap_curve': case 'theory_failed':
         this.theory.take(message);
         return this.emit('theory');

@@ -4,11 +4,9 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-const stored = new Map();
 Object.assign(globalThis, {
   location: { hash: '', protocol: 'http:', host: 'rig:8088' },
-  sessionStorage: { getItem: (key) => stored.get(key) ?? null, setItem: (key, value) => stored.set(key, value) },
-  history: { replaceState: (_state, _title, hash) => { globalThis.location.hash = hash; } },
+  history: { state: null, replaceState(state, _title, hash) { [this.state, globalThis.location.hash] = [state, hash]; } },
 });
 const { isOwnAddress, readAddress } = await import('../../../impact_damper_ros/page/static/address.js');
 const { Store } = await import('../../../impact_damper_ros/page/static/store.js');
@@ -34,6 +32,7 @@ const written = () => new Promise((resolve) => { setTimeout(() => resolve(global
 
 test('an address is read and written again', async () => {
   const { store } = greeted('#bag=run_1&time=4.5&gap=0.02&force_amplitudes=[1,2]&window=3&relative=1&gap_control=timed&bad%20name=1', { mode: 'player', bag: 'run_1', start: 0, duration: 9 });
+  assert.ok(!isOwnAddress());
   assert.deepEqual(store.opened.values, { gap: 0.02, force_amplitudes: [1, 2], gap_control: 'timed' });
   assert.deepEqual([store.opened.time, store.history.window, store.isLive, store.steers], [4.5, 3, false, false]);
   store.receive({ type: 'seek_done', time: 6.25 });
@@ -149,5 +148,5 @@ test('what only computes is asked again after the connection was lost, and a cha
   second.say({ type: 'answer', id: first.sent[1].id, ok: true, reason: '' });
   assert.deepEqual(await design, { type: 'answer', id: first.sent[1].id, ok: true, reason: '' });
   second.onclose({ code: 4404 });
-  assert.deepEqual(seen, ['lost', 'again', 'missing']);
+  assert.deepEqual(seen, ['again', 'lost', 'again', 'missing']);
 });

@@ -6,8 +6,6 @@ import { clock, digits } from '../format.js';
 
 /** Where the word for a state is not its name. */
 const STATES = { gone: 'rig gone', offline: 'no server', doubled: 'several rigs', other_version: 'other version' };
-/** Speeds of the rig that are offered. */
-const SPEEDS = [[0.05, '1/20'], [0.2, '1/5'], [1, '1×'], [5, '5×']];
 /** Keys that jump in a recording; those that go forwards move a paused rig, too. */
 const JUMP_KEYS = {
   ArrowRight: ['impact', 1], ArrowLeft: ['impact', -1], 'Shift+ArrowRight': ['sample', 1], 'Shift+ArrowLeft': ['sample', -1],
@@ -63,7 +61,7 @@ function offerRigs({ hello, isLive }) {
 function showSpeed(factor) {
   const choice = byId('rig-speed');
   choice.querySelector('[data-own]')?.remove();
-  if (SPEEDS.every(([value]) => value !== factor)) {
+  if (![...choice.options].some(({ value }) => Number(value) === factor)) {
     choice.append(element('option', { value: String(factor), 'data-own': '', text: factor ? `${digits(factor, 2)}×` : 'free' }));
   }
   choice.value = String(factor);
@@ -85,7 +83,6 @@ async function copyLink(store) {
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions, { player }) => {
   const press = (id, take) => byId(id).addEventListener('click', take);
-  byId('rig-speed').append(...SPEEDS.map(([value, text]) => element('option', { value: String(value), text })));
   byId('rig-speed').addEventListener('change', () => actions.turn({ real_time_factor: Number(byId('rig-speed').value) }));
   byId('rig-choice').addEventListener('change', () => actions.join({ rig: byId('rig-choice').value }));
   press('pause', () => actions.service('pause'));
@@ -111,14 +108,13 @@ export const mount = (root, store, actions, { player }) => {
 
   /** Large type, for a lecture hall. */
   function showLarge(on) {
-    document.body.classList.toggle('large', on);
     document.documentElement.classList.toggle('large', on);
     mark(byId('large'), 'aria-pressed', String(on));
     dispatchEvent(new Event('resize'));
   }
 
   function switchLarge() {
-    const on = !document.body.classList.contains('large');
+    const on = !document.documentElement.classList.contains('large');
     showLarge(on);
     store.keepView('large', on ? '1' : '');
   }
@@ -130,7 +126,7 @@ export const mount = (root, store, actions, { player }) => {
     if (event.key === ' ') {
       if (target.closest('button, a, summary')) return;
       event.preventDefault();
-      if (!store.isLive) player.play(!player.playing);
+      if (!store.isLive) player.toggle();
       else if (store.steers) actions.service('pause');
       return;
     }

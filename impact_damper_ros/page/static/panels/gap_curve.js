@@ -15,8 +15,6 @@ class GapCurve extends Axes {
     super(canvas);
     this.store = store;
     this.theory = store.theory;
-    this.gap = NaN;
-    this.measured = NaN;
     /** The special point gone to by the keyboard. */
     this.visited = -1;
     this.low = 0;
@@ -86,9 +84,13 @@ class GapCurve extends Axes {
     mark(this.canvas, 'aria-description', this.line.textContent);
   }
 
-  /** Where the rig is: its gap, and how far M moves. */
-  place(gap, measured) {
-    if (gap !== this.gap || measured !== this.measured) Object.assign(this, { gap, measured, stale: true });
+  get gap() {
+    return this.store.values.gap ?? this.store.numbers.gap;
+  }
+
+  /** How far M moves, over A. */
+  get measured() {
+    return this.store.numbers.x_max_ratio ?? NaN;
   }
 
   /** The best gap of the user's structure; NaN without one. */
@@ -189,13 +191,12 @@ export const mount = (root, store, actions) => {
   const range = { tabindex: '0', role: 'slider', 'aria-valuemin': '0', 'aria-valuemax': '1', 'aria-valuenow': '0' };
   const { canvas, line } = plotPanel(root, 'curve', 'gap-curve', label, range);
   const panel = new GapCurve(canvas, store, (gap) => actions.turn({ gap }));
-  store.on('numbers values', () => panel.place(store.values.gap ?? store.numbers.gap, store.numbers.x_max_ratio ?? NaN));
   store.on('theory', () => {
     const { gap, bound } = store.theory.best;
     const text = gap > 0 ? `best gap ${bound && `${bound} `}${withUnit(gap, 'm')}` : '';
     write(line, text);
     mark(line, 'title', text);
   });
-  store.on('change preset', () => { panel.stale = true; });
+  store.on('numbers values change preset', () => { panel.stale = true; });
   return panel;
 };

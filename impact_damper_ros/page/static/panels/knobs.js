@@ -144,8 +144,7 @@ class Knob {
       return;
     }
     const turn = { ArrowUp: 1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
-    if (!turn || !['double', 'integer', 'double_array'].includes(this.descriptor.type)) return;
-    if (this.descriptor.type === 'double_array' && !this.firstOnly) return;
+    if (!turn || !(['double', 'integer'].includes(this.descriptor.type) || this.firstOnly)) return;
     const { number, own } = readTyped(this.input.value);
     if (!Number.isFinite(number)) return;
     event.preventDefault();

@@ -16,18 +16,8 @@ function entryOf({ name, title, description, values }, load) {
   [at('strong').textContent, at('.quiet').textContent] = [title, description];
   const button = at('button');
   button.dataset.name = name;
-  button.addEventListener('click', () => {
-    byId('presets').hidePopover();
-    load(name);
-  });
+  button.addEventListener('click', () => load(name));
   return entry;
-}
-
-/** Mark the preset that the rig has. */
-function markPreset(name) {
-  for (const button of all('#presets button')) {
-    mark(button, 'aria-current', String(button.dataset.name === name));
-  }
 }
 
 /** @type {import('../screen.js').Mount} */
@@ -37,6 +27,6 @@ export const mount = (root, store, actions) => {
     const { preset } = store.address;
     const title = store.design ? 'My structure' : store.hello.presets.find((one) => one.name === preset)?.title ?? '';
     write(byId('preset-name'), store.isLive ? title : 'as a ghost');
-    markPreset(preset);
+    for (const button of all('button', root.querySelector('ul'))) mark(button, 'aria-current', String(button.dataset.name === preset));
   });
 };

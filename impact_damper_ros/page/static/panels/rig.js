@@ -38,21 +38,19 @@ class RigPanel {
     const { history, values } = this.store;
     if (anew) this.rig.flash(history.impacts, this.lit, history.end, now);
     this.lit = history.end;
-    if ((anew || this.rig.stale || this.rig.flashing) && history.state) {
-      const { damper_mass: m, primary_mass: M } = values;
-      const options = { extent: history.reach(history.end - 4), oneSided: !Number.isFinite(history.state.stop_2), massRatio: m / M };
-      this.rig.draw(history.state, { ...options, ghost: history.ghost, push: push(values, history.state.phase), now });
-      this.slow.options = options;
-    } else if (!history.state && this.rig.stale) this.rig.begin();
-    this.slow.draw(now, this.slow.options);
-    if (now - this.spoken > SPOKEN && history.state) this.describe(now);
-  }
-
-  /** Describe the rig to a screen reader. */
-  describe(now) {
+    const { state, ghost } = history;
+    if (!state) {
+      if (this.rig.stale) this.rig.begin();
+      return;
+    }
+    const { damper_mass: m, primary_mass: M } = values;
+    const options = { extent: history.reach(history.end - 4), oneSided: !Number.isFinite(state.stop_2), massRatio: m / M };
+    if (anew || this.rig.stale || this.rig.flashing) this.rig.draw(state, { ...options, ghost, push: push(values, state.phase), now });
+    this.slow.draw(now, options);
+    if (now - this.spoken < SPOKEN) return;
+    // For a screen reader
     this.spoken = now;
-    const { history } = this.store;
-    const { x, angle } = history.state;
+    const { x, angle } = state;
     mark(this.rig.canvas, 'aria-label', `The rig: M at ${withUnit(x, 'm')}, inclined by ${digits((angle * 180) / Math.PI, 3)} degrees, ${history.impacts.length} impacts in view`);
   }
 }

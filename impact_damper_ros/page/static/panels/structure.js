@@ -86,7 +86,6 @@ export const mount = (root, store, actions) => {
     return ok || fail('', reason);
   });
   byId('structure-open').addEventListener('click', () => {
-    byId('presets').hidePopover();
     root.showModal();
     look();
   });
