@@ -98,6 +98,12 @@ class Matrix {
     const shape = shapes[0].map((_, axis) => shapes.map((one) => one[axis]).find((size) => size !== 1) ?? 1);
     if (shapes.some((one) => one.some((size, axis) => size !== 1 && size !== shape[axis]))) throw new ValueError('arrays of other shapes');
     const count = shape.reduce((product, size) => product * size, 1);
+    const [first, second] = parts;
+    if (parts.length === 1) return new Matrix(shape, first.entries.map((value) => action(value)));
+    if (parts.length === 2 && parts.every((part) => !part.shape.length || part.entries.length === count)) {
+      const [one, other] = parts.map((part) => Number(part.shape.length > 0));
+      return new Matrix(shape, Array.from({ length: count }, (_, n) => action(first.entries[one * n], second.entries[other * n])));
+    }
     const place = (index, own) => {
       let [at, rest, step] = [0, index, 1];
       for (let axis = depth - 1; axis >= 0; axis -= 1) {
@@ -126,10 +132,23 @@ class Matrix {
   at(index) {
     const [rows, ...columns] = Array.isArray(index) ? index : [index];
     if (columns[0] === null) return new Matrix([this.length, 1], this.entries);
-    const part = rows instanceof slice ? Matrix.of($items([...this], rows)) : this.row(rows < 0 ? this.length + rows : rows);
-    if (!columns.length) return part;
-    if (!(rows instanceof slice)) return part.at(columns);
-    return part.length ? Matrix.of([...part].map((row) => row.at(columns))) : new Matrix([0], []);
+    if (!(rows instanceof slice)) {
+      const row = this.row(rows < 0 ? this.length + rows : rows);
+      return columns.length ? row.at(columns) : row;
+    }
+    const { length, shape: [, width = 1, ...rest] } = this;
+    const step = rows.step || (columns[0] instanceof slice && columns[0].step);
+    if (rest.length || (step && step !== 1)) return Matrix.of($items([...this], rows).map((row) => (columns.length ? row.at(columns) : row)));
+    // Numbers are copied in one go: there are many.
+    const [from, to] = [[rows.start, 0], [rows.stop, length]].map(([end, other]) => Math.min(length, Math.max(0, (end ?? other) < 0 ? length + end : end ?? other)));
+    const count = Math.max(0, to - from);
+    if (!columns.length) return new Matrix([count, ...this.shape.slice(1)], this.entries.slice(from * width, (from + count) * width));
+    if (typeof columns[0] === 'number') {
+      const column = from * width + (columns[0] < 0 ? width : 0) + columns[0];
+      return new Matrix([count], Array.from({ length: count }, (_, n) => this.entries[column + n * width]));
+    }
+    const across = $items(range(width), columns[0]);
+    return new Matrix([count, across.length], Array.from({ length: count * across.length }, (_, n) => this.entries[(from + Math.floor(n / across.length)) * width + across[n % across.length]]));
   }
 
   /** One number for each row of the last axis, or for all entries. */

@@ -180,8 +180,11 @@ class RigInPage extends Source {
     const lags = !this.paused && this.late > 5;
     const state_ = this.paused ? 'paused' : lags ? 'lagging' : 'running';
     this.send({ type: 'status', state: state_, text: lags ? 'this device computes the rig more slowly than asked for' : '', time: this.now });
-    const [samples, impacts, acts] = ['samples', 'impacts', 'acts'].map((name) => new Matrix([this.rows[name].length, LAYOUT.tables[name].length], this.rows[name].flat()));
-    this.send(numbers_of(this.parts.rig, { samples, impacts, acts }, this.now));
+    const { samples, impacts, acts } = this.rows;
+    const table = (rows, width) => new Matrix([rows.length, width], rows.flatMap((row) => row.slice(0, width)));
+    // Of the many samples, numbers need times and X.
+    const motion = { samples: table(samples, 2), impacts: table(impacts, IMPACT_COLUMNS.length), acts: table(acts, LAYOUT.tables.acts.length) };
+    this.send(numbers_of(this.parts.rig, motion, this.now));
   }
 
   // Theory
@@ -286,8 +289,8 @@ class RigInPage extends Source {
     }
     const change = change_between(before, this.values(), this.rig.time, kind);
     if (change !== null) this.send({ type: 'parameters', ...change });
-    this.report();
     this.ask();
+    this.report();
   }
 }
 
