@@ -58,6 +58,7 @@ export class Screen {
       const anew = version !== this.version;
       this.version = version;
       for (const panel of this.panels) panel.draw(now, anew);
+      if (anew) this.store.emit('drawn');
     };
     requestAnimationFrame(draw);
   }

@@ -2,7 +2,8 @@
 // What the page knows: what the server has sent of the rig, and what the address is to hold. Only this module writes it.
 //
 // Events have the name of what has changed: hello, status, values, change, frame, numbers, diagnostics,
-// theory, preset, whatIf, rigs, recordings, view, and the messages compare_done, what_if, notice and seek_done.
+// theory, preset, whatIf, rigs, recordings, view, and the messages compare_done, what_if, notice and seek_done; drawn, once
+// for each picture of the screen: words that change with each frame are written then.
 
 import { writeAddress } from './address.js';
 import { History } from './history.js';

@@ -104,7 +104,7 @@ export const mount = (root, store, actions, { player }) => {
     mark(byId('record'), 'aria-pressed', String(values.record));
     byId('record').lastChild.textContent = values.record ? 'Recording' : 'Record';
   });
-  store.on('frame', () => write(byId('clock'), Number.isFinite(store.history.end) ? clock(store.history.end, store.status === 'paused') : ''));
+  store.on('drawn', () => write(byId('clock'), Number.isFinite(store.history.end) ? clock(store.history.end, store.status === 'paused') : ''));
 
   /** Large type, for a lecture hall. */
   function showLarge(on) {

@@ -44,7 +44,7 @@ export const mount = (root, store, actions) => {
     write(byId('play'), isPlaying() ? 'Pause' : 'Play');
     if (store.status === 'ended') show(time);
   });
-  store.on('frame', () => show(store.history.end));
+  store.on('drawn', () => show(store.history.end));
   // Where the connection is lost it goes on, as where an address has it.
   connection.on('lost', () => {
     if (!store.isLive && store.status !== 'offline') Object.assign(opened, { bag: address.bag, time: store.history.end, playing: isPlaying() });
