@@ -40,12 +40,10 @@ CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
 WORDS = CONTRIBUTING[CONTRIBUTING.index('### Words') : CONTRIBUTING.index('## Tests')]
 #: Phrases that are not to be used; 20 stands for any number.
 PHRASES = re.findall(r'^\| (?!not|---)(.+?) \|', WORDS, re.MULTILINE)
-PATTERN = re.compile(
-    '|'.join(
-        rf'(?<!\w){re.escape(phrase)}(?!\w)'.replace('20', r'\d[\d,.]*') for phrase in PHRASES
-    ).replace(r'\ ', r'\s+'),
-    re.IGNORECASE,
-)
+_ANY = '|'.join(map(re.escape, PHRASES)).replace('20', r'\d[\d,.]*').replace(r'\ ', r'\s+')
+PATTERN = re.compile(rf'(?<!\w)(?:{_ANY})(?!\w)', re.IGNORECASE)
+#: Between the parts of a string
+BREAK = re.compile(r"""['"]\s*\n\s*f?['"]""")
 
 
 def prose_of(path):
@@ -53,6 +51,8 @@ def prose_of(path):
     text = path.read_text(encoding='utf-8')
     if path.suffix != '.py':
         return text.replace(WORDS, '')
+    if not PATTERN.search(BREAK.sub('', text)):
+        return ''
     return '\n'.join(
         node.value
         for node in ast.walk(ast.parse(text))
