@@ -111,8 +111,9 @@ def test_any_flipped_bit_is_noticed(bag, tmp_path):
     ('field', 'value', 'words'),
     [
         (('message_count',), 5, 'metadata.yaml counts 5 messages in all'),
-        (('relative_file_paths',), ['a_0.mcap'], 'the bag is not complete'),
-        (('relative_file_paths',), ['run_0.mcap', 'run_1.mcap'], 'the bag is not complete'),
+        (('relative_file_paths',), ['a_0.mcap'], "lists 'a_0.mcap', not there"),
+        (('relative_file_paths',), ['a.mcap', 'b.mcap', 'c.mcap'], "'a.mcap' and 2 more, not"),
+        (('relative_file_paths',), ['run_0.mcap', 'run_1.mcap'], "lists 'run_1.mcap', not there"),
     ],
 )
 def test_what_metadata_yaml_says_is_checked(bag, tmp_path, field, value, words):
