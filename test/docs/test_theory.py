@@ -13,7 +13,6 @@ from rigs import FRICTION, HORIZONTAL
 import impact_damper_ros
 from impact_damper_ros import (
     EventKind,
-    ImpactEquations,
     InitialConditions,
     Rig,
     RigParameters,
@@ -376,71 +375,6 @@ def test_determinant_with_a_reversal():
         need = abs(force / (rig.primary_mass + rig.damper_mass) - slope)
         expected *= (need - grip) / (need + grip)
     assert np.prod(orbit.multipliers) == pytest.approx(expected, rel=1e-8)
-
-
-def test_resonance_without_damping():
-    rig = Rig(RigParameters(gravity=0.0, damping=0.0))
-    rig.advance(5.0)
-    exact = 0.5 * (math.sin(5.0) - 5.0 * math.cos(5.0))
-    assert abs(rig.sample().x - exact) < 4e-16
-
-
-@pytest.mark.parametrize(('change', 'impacts'), [(-1e-9, 1), (1e-9, 0)])
-def test_a_graze_by_a_nanometre_in_a_metre(change, impacts):
-    rig = RigParameters(
-        angle=0.5 * math.pi, gravity=8.0, gap=2.0 * (1.0 + change), force_amplitudes=0.0
-    )
-    # Rises by 4^2/(2 g) = 1 m
-    events = Rig(rig, InitialConditions(initial_damper_velocity=-4.0)).advance(0.7)
-    assert len(events) == impacts
-
-
-def test_a_ball_rests_after_the_time_of_the_formula():
-    ball = RigParameters(
-        angle=0.5 * math.pi,
-        one_sided=True,
-        force_amplitudes=0.0,
-        damper_mass=1e-9,
-        restitution_1=0.75,
-    )
-    events = Rig(ball, InitialConditions(initial_damper_offset=18.0)).advance(3.0)
-    assert events[-1].kind is EventKind.REST
-    assert abs(events[-1].time - math.sqrt(2.0 * 0.5 / 9.81) * 1.75 / 0.25) < 1e-8
-
-
-def test_linear_system_of_the_impacts():
-    rig = RigParameters(angle=0.25 * math.pi, gravity=1.0, force_frequencies=1.02)
-    found = find_orbits(rig, (1, 2))
-    orbit = found.orbits[0]
-    assert found.report.complete
-    assert orbit.stable
-    assert orbit.viable
-    instants = np.array(orbit.instants)
-    rows = ImpactEquations(rig, (1, 2), 1).linear_system(instants - instants[0])
-    phase = rig.force_frequencies[0] * instants[0]
-    assert np.abs(rows @ [*orbit.x, math.cos(phase), math.sin(phase), 1.0]).max() < 1e-12
-    determinant = math.exp(-2.0 * rig.zeta * rig.omega * orbit.period) * 0.75**4
-    assert abs(math.prod(orbit.multipliers) - determinant) < 1e-13
-
-
-def test_fold_and_doubling_of_a_ball_on_a_table():
-    rig = RigParameters(
-        angle=0.5 * math.pi,
-        gravity=1.0,
-        one_sided=True,
-        damper_mass=1e-6,
-        force_frequencies=10.0,
-    )
-    R, omega = rig.restitution_1, rig.force_frequencies[0]
-    orbit = find_orbits(rig.replace(force_amplitudes=0.8), (1,)).orbits[0]
-    fold, doubling = follow(orbit, 'force_amplitudes', 0.3, 1.3).special
-    share = rig.response_amplitude * omega**2 / rig.gravity  # A omega^2/g for a force of 1 N
-    least = math.pi * (1.0 - R) / (1.0 + R)
-    most = math.hypot(least, 2.0 * (1.0 + R**2) / (1.0 + R) ** 2)
-    assert fold.kind.value == 'fold'
-    assert doubling.kind.value == 'period doubling'
-    assert fold.value * share == pytest.approx(least, abs=2e-6)
-    assert doubling.value * share == pytest.approx(most, abs=2e-6)
 
 
 def best_gap_of(zeta, mu, R):
