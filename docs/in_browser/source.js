@@ -10,6 +10,8 @@ const MOST_IMPACTS = 20000;
 /** Longest time to compute between two frames, and longest time that a frame makes up for, s. */
 const BUDGET = 0.012;
 const LONGEST = 0.25;
+/** From the start of a rig to the first question to theory, ms. */
+const BEFORE_THEORY = 150;
 /** Parameters of the node that mean something here. */
 const SETTINGS = { real_time_factor: 1 };
 /** What needs the node. */
@@ -49,13 +51,13 @@ class RigInPage extends Source {
     this.clients = [{ put: (message) => out(JSON.stringify(message)) }];
     this.out = out;
     this.course = 0;
-    this.theorist = new Worker(URL.createObjectURL(new Blob([`'use strict';(${program})()`])));
-    this.theorist.onmessage = ({ data }) => this.answer(data);
+    this.theorist = null;
   }
 
   end() {
     clearInterval(this.timer);
-    this.theorist.terminate();
+    clearTimeout(this.first);
+    this.theorist?.terminate();
   }
 
   // The rig
@@ -75,7 +77,8 @@ class RigInPage extends Source {
       presets: Object.values(PRESETS).map(({ name, title, description, values }) => ({ name, title, description, values })),
     });
     this.report();
-    this.ask();
+    // The rig moves before its theory takes part of the processor.
+    this.first = setTimeout(() => this.ask(), BEFORE_THEORY);
   }
 
   none() {
@@ -192,6 +195,10 @@ class RigInPage extends Source {
   /** Ask for the theory of the rig as it is now; the answers replace what is known of the one before. */
   ask() {
     const { parts: { rig, control }, rig: { _run: run, _waves: waves } } = this;
+    if (!this.theorist) {
+      this.theorist = new Worker(URL.createObjectURL(new Blob([`'use strict';(${program})()`])));
+      this.theorist.onmessage = ({ data }) => this.answer(data);
+    }
     this.course += 1;
     this.theorist.postMessage({ course: this.course, rig: rig.as_dict(), control: control.gap_control, run: { ...run }, angles: waves.map(({ angle }) => angle) });
   }
