@@ -10,9 +10,12 @@ from rigs import BENCH
 
 pytest.importorskip('matplotlib', reason='it draws')
 
+from impact_damper_ros import RigParameters
 from impact_damper_ros.compare.random_response import RandomResponse
 from impact_damper_ros.orbits.swept_response import SweptResponse
 from impact_damper_ros.report.comparison_tables import impact_table, response_table
+from impact_damper_ros.report.drawing import blank_figure, finish_panel
+from impact_damper_ros.report.plan_report import _sweep_options
 from impact_damper_ros.report.random_response_figure import response_figure, response_text
 from impact_damper_ros.report.ring_down_figure import percent_of_loss
 from impact_damper_ros.report.swept_response_figure import swept_figure, swept_text
@@ -100,3 +103,26 @@ def test_a_random_base():
 def test_the_damping_ratio_of_a_loss():
     assert percent_of_loss(1.0 - math.exp(-2.0 * math.tau * 0.01)) == pytest.approx(1.0)
     assert percent_of_loss(1.0) == math.inf
+
+
+def test_marks_beyond_the_frame_are_left_out():
+    """Those on it, and lines, are drawn whole."""
+    axes = blank_figure(3.0, 3.0).subplots()
+    places = np.array([[0.0, 0.0], [1.0, 1.0], [0.5, 1.1], [-0.1, 0.5], [1.1, 0.5], [0.5, -0.1]])
+    marks, line = (axes.plot(*places.T, 'o', ls=style)[0] for style in ('none', '-'))
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    finish_panel(axes, 'a', 'x', 'y')
+    assert marks.get_xydata().tolist() == places[:2].tolist()
+    assert line.get_xydata().tolist() == places.tolist()
+
+
+def test_the_sweep_of_a_plan():
+    """From 0.8 to 1.2 times the frequency and back in 40 steps, each as long as M needs."""
+    rig = RigParameters.of_structure(
+        primary_mass=5.0, natural_frequency=10.0, damping_ratio=0.02, base_amplitudes='0.2 g',
+        base_frequencies='10 Hz', force_amplitudes=0.0,
+    )  # fmt: skip
+    assert _sweep_options(rig) == (
+        '--duration 518.4 --set sweep_mode=up_down --set sweep_low=8Hz --set sweep_high=12Hz '
+        '--set sweep_step=0.1Hz --set sweep_dwell=6.4 --response sweep.csv'
+    )
