@@ -91,13 +91,10 @@ def test_seeds_of_base_and_force(table, tmp_path, capsys):
     assert rms == pytest.approx(math.sqrt(0.01 * 5.0))
 
 
-PSD, FORCE, BASE = 'f [Hz],level [g^2/Hz]\n', 't [s],force [N]\n', 't [s],a [g]\n'
+FORCE, BASE = 't [s],force [N]\n', 't [s],a [g]\n'
 #: What the options add to the refusals of any table, by option.
 BAD = {
     '--base-psd': {
-        PSD + '3,1e-4\n': '1 rows: give at least 2',
-        PSD + '3,1\n3,1\n': 'no band with a level above 0: give two such points',
-        'f [Hz],level [N^2/Hz]\n3,1\n4,1\n': "has the unit 'N^2/Hz'",
         'f [Hz],x [°C]\n3,1\n4,1\n': 'no column for the level',
         None: 'cannot be read (No such file or directory): give the path of a file',
     },

@@ -250,6 +250,8 @@ def test_universal_files(written):
         read_table_motion(three)
     data = read_table_motion(three, ReadingOptions(column='displacement 1 +Y'))
     assert data.motion == pytest.approx(2.0 * MOTION, abs=1e-3)
+    with pytest.raises(TableError, match=r'no universal file|no function of time'):
+        read_table_motion(written('no universal file', 'e.uff'))
 
 
 LABVIEW = """\

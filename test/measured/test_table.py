@@ -233,44 +233,6 @@ def test_a_short_name_with_the_unit_of_something_else_is_another_column(written)
     assert choose(none, 'force', FORCE, needed=False) is None
 
 
-def test_universal_files(tmp_path):
-    pyuff = pytest.importorskip('pyuff')
-    path = tmp_path / 'run.uff'
-    times = np.arange(200) / 100.0
-    file = pyuff.UFF(str(path))
-    for number, (kind, unit, data) in enumerate(
-        ((8, 'mm', np.sin(times)), (13, 'NONE', np.cos(times)))
-    ):
-        file.write_sets(
-            pyuff.prepare_58(
-                func_type=1,
-                rsp_node=number + 1,
-                rsp_dir=1,
-                ref_node=1,
-                ref_dir=1,
-                x=times,
-                data=data,
-                abscissa_spacing=1,
-                abscissa_min=0.0,
-                abscissa_inc=0.01,
-                ordinate_spec_data_type=kind,
-                ordinate_axis_units_lab=unit,
-                orddenom_spec_data_type=0,
-                binary=0,
-                id1='id1',
-                abscissa_spec_data_type=17,
-            ),
-            mode='add' if number else 'overwrite',
-        )
-    table = read_measured_table(path, {'time': TIME, 'x': DISPLACEMENT}, {'force': FORCE})
-    assert table.columns['time'].values == pytest.approx(times)
-    assert table.columns['x'].values == pytest.approx(1e-3 * np.sin(times), abs=1e-9)
-    assert table.columns['force'].values == pytest.approx(np.cos(times), abs=1e-6)
-    path.write_text('no universal file\n')
-    with pytest.raises(TableError, match=r'no universal file|no function of time'):
-        read_measured_table(path, {'time': TIME})
-
-
 LABVIEW = """\
 LabVIEW Measurement
 Writer_Version\t2
