@@ -73,7 +73,11 @@ connection.on('missing', () => {
   if (store.address.rig || store.address.bag) actions.join({});
 });
 store.on('notice', ({ text }) => toast(text, 'bad'));
-addEventListener('hashchange', () => location.reload());
+addEventListener('hashchange', () => {
+  // Whoever wrote it, it is a link.
+  history.replaceState(null, '');
+  location.reload();
+});
 if (location.search === '?wrong_token') {
   history.replaceState(null, '', location.pathname + location.hash);
   toast('The token of this address is not that of this server, which makes a new one at each start: this page only watches.', 'bad');

@@ -7,7 +7,9 @@ import { clock } from '../format.js';
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
   const { connection } = actions;
-  const { opened, address } = store;
+  const { address } = store;
+  /** Where a recording begins, if not at its start. */
+  let begin = store.opened;
   const [scrub, speed] = ['scrub', 'speed'].map(byId);
   const isPlaying = () => store.status === 'running';
   const play = (on) => connection.send({ type: 'play', speed: on ? Number(speed.value) : 0 });
@@ -47,16 +49,16 @@ export const mount = (root, store, actions) => {
   store.on('drawn', () => show(store.history.end));
   // Where the connection is lost it goes on, as where an address has it.
   connection.on('lost', () => {
-    if (!store.isLive && store.status !== 'offline') Object.assign(opened, { bag: address.bag, time: store.history.end, playing: isPlaying() });
+    if (!store.isLive && store.status !== 'offline') begin = { bag: address.bag, time: store.history.end, playing: isPlaying() };
   });
   // Once the server listens
   store.on('joined', () => {
     if (store.isLive) return;
-    if (opened.time && opened.bag === address.bag) {
-      play(opened.playing ?? true);
-      seek(opened.time);
+    if (begin.time && begin.bag === address.bag) {
+      play(begin.playing ?? true);
+      seek(begin.time);
     }
-    opened.time = NaN;
+    begin = {};
     if (Object.keys(address.values).length) actions.turn(address.values);
   });
   return { toggle, jump };

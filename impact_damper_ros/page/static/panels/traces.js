@@ -159,7 +159,7 @@ class Traces extends Axes {
   predicted({ left, width }) {
     const { history, theory: { orbit } } = this;
     const [from, to] = this.span();
-    const begin = Math.max(from, history.lastChange);
+    const begin = Math.max(from, history.lastChange, history.own.samples.row(history.own.samples.start).time ?? from);
     const lines = [];
     const perPeriod = (orbit.period / (to - from)) * width;
     if (perPeriod < 36) {
