@@ -12,6 +12,9 @@ const defaultViewport = { width: 1280, height: 800 };
 const browser = await puppeteer.launch({ browser: 'firefox', executablePath, defaultViewport, protocolTimeout: 400_000 });
 const page = await browser.newPage();
 let complaints = [];
+/** How long to wait, ms, and what a failure says of the page. */
+const LONGEST = 100_000;
+const STATE = 'JSON.stringify([location.href, document.querySelector("#status")?.textContent, document.activeElement.id, document.hidden, impactDamper.store.frames, impactDamper.history.impacts.length, impactDamper.store.values.gap, impactDamper.history.changes])';
 page.on('console', (message) => complaints.push(`${message.type()}: ${message.text()}`));
 page.on('pageerror', (error) => complaints.push(`exception: ${error.message}`));
 page.on('requestfailed', (request) => complaints.push(`failed: ${request.url()}`));
@@ -19,7 +22,9 @@ page.on('requestfailed', (request) => complaints.push(`failed: ${request.url()}`
 /** Wait until an expression is true; the policy of the page forbids `waitForFunction`, which makes functions of texts. */
 const until = async (expression) => {
   const tried = `(() => { try { return Boolean(${expression}); } catch { return false; } })()`;
-  while (!await page.evaluate(tried)) await sleep(100);
+  for (const end = Date.now() + LONGEST; !await page.evaluate(tried); await sleep(100)) {
+    if (Date.now() > end) throw new Error(`in vain: ${expression}; the page has ${await page.evaluate(STATE)}`);
+  }
 };
 const paused = (yes) => until(`document.querySelector('#status').dataset.state ${yes ? '===' : '!=='} 'paused'`);
 
@@ -28,6 +33,8 @@ const shown = [];
 for (const address of addresses) {
   complaints = [];
   await page.goto(address);
+  // Keys go to the page, not to what had the focus in the process of the page before.
+  await page.bringToFront();
   await until('impactDamper.store.frames > 3 && impactDamper.history.impacts.length > 2 && document.querySelector("#knob-gap")');
   await page.keyboard.press(' ');
   await paused(true);
