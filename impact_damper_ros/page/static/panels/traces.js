@@ -62,9 +62,9 @@ class Traces extends Axes {
     });
   }
 
-  /** Samples in the window as a line, from the one before it on; of many in a column of pixels first, least, largest and last. */
+  /** Samples in the window as a line, from the one before it on; of many in a column of the screen's pixels first, least, largest and last. */
   series(samples, name, strokeStyle, lineWidth) {
-    const { context, plan: { toX, toY } } = this;
+    const { context, ratio, plan: { toX, toY } } = this;
     const [time, values] = ['time', name].map((one) => samples.field(one));
     const [left, middle] = [toX(0), toY(0)];
     const [across, up] = [toX(1) - left, toY(1) - middle];
@@ -78,10 +78,10 @@ class Traces extends Axes {
       const there = middle + up * values[n];
       if (Number.isNaN(there)) continue;
       const place = left + across * time[n];
-      if (Math.floor(place) !== column) {
+      if (Math.floor(ratio * place) !== column) {
         finish();
         context.lineTo(place, there);
-        column = Math.floor(place);
+        column = Math.floor(ratio * place);
         least = there;
         most = there;
       } else if (there < least) least = there;
