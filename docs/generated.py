@@ -155,6 +155,7 @@ def _cell(doc: str | None) -> str:
 
 
 _PROPERTIES = property, cached_property
+_MEMBERS = (classmethod, staticmethod, *_PROPERTIES)
 
 
 def _members(cls: type) -> list[tuple[str, Any]]:
@@ -165,7 +166,7 @@ def _members(cls: type) -> list[tuple[str, Any]]:
         if half is cls or issubclass(half, RigState)
         for name, value in vars(half).items()
         if not name.startswith('_')
-        and isinstance(value, (classmethod, staticmethod, *_PROPERTIES)) | inspect.isfunction(value)
+        and (isinstance(value, _MEMBERS) or inspect.isfunction(value))
         and getattr(value, '__doc__', None)
     ]
 

@@ -32,7 +32,7 @@ def test_motions_are_those_under_the_equivalent_force():
     assert min(abs(settled.x_max / x - 1.0) for x in stable) < 1e-6
 
 
-@pytest.mark.parametrize('order, quantity', [*enumerate(QUANTITIES)])
+@pytest.mark.parametrize(('order', 'quantity'), [*enumerate(QUANTITIES)])
 @pytest.mark.parametrize('name', ['base_amplitudes', 'base_frequencies', 'stiffness', 'damping'])
 def test_branches_pass_through_the_motions_of_other_rigs(name, order, quantity):
     """The force on M depends on the frequency of the base and on spring and dashpot."""
