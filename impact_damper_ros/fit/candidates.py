@@ -462,14 +462,18 @@ def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     return best if costs[best] < _CLEARLY * as_it_is else ''
 
 
-def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
+def wrong_file(
+    record: Record, rig: RigParameters, deviation: float, start: tuple[float, float]
+) -> tuple[str, tuple[float, float]]:
     """
     Return another fault if a fit has failed: an m that sticks, sign or phase of the force.
+
+    Without one, the second result is a better start for K and C than the given one.
 
     With a unit that leaves hardly any force, vibrations are fewer than with a wrong phase.
     """
     if without_impacts := _one_vibration(record, rig, deviation):
-        return without_impacts
+        return without_impacts, start
     fewer = thin_out(record, rig, _SAMPLES)
     others = [(sentence, _driven_rig(rig, factor)) for factor, sentence in _SIGNS.items()]
     period = math.tau / max(rig.first_harmonic[1], 1e-3 * rig.omega)
@@ -479,9 +483,9 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     # Half a period later the sign is reversed.
     weights = [_AS_GOOD if sentence == OTHER_PHASE else 1.0 for sentence, _ in others]
     sentence, other = others[int(np.argmin(np.divide(costs, weights)))]
-    start = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-    as_it_is, there = (scan_costs(fewer, one, start, deviation)[0] for one in (rig, other))
-    return sentence if there < (1.0 - _SAVED) * as_it_is else ''
+    as_it_is, best = scan_costs(fewer, rig, start, deviation)
+    there, _ = scan_costs(fewer, other, start, deviation)
+    return (sentence if there < (1.0 - _SAVED) * as_it_is else ''), best
 
 
 def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:

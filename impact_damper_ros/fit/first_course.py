@@ -22,10 +22,8 @@ PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
 _ROUNDS = 4
 #: Numbers of phases of the force, and stiffnesses over that of the start, that are tried.
 _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
-#: Stiffnesses and dampings, over those of the start, that are tried where the phase is known, and
-#: samples per period.
+#: Stiffnesses and dampings, over those of the start, that are tried where the phase is known.
 _GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
-_SAMPLES = 40
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
 #: Changes of K, and of C, after which impacts are searched again.
@@ -79,7 +77,7 @@ def _penalties(record: Record, measured: Array, deviation: float) -> Array:
     return cuts
 
 
-def thin_out(record: Record, rig: RigParameters, samples: int = _SAMPLES) -> Record:
+def thin_out(record: Record, rig: RigParameters, samples: int) -> Record:
     """Return the record with about that many samples in a natural period, or with all."""
     step = 2.0 * np.pi / rig.omega / samples / float(np.median(np.diff(record.time)))
     part = slice(None, None, max(1, round(step)))
@@ -137,14 +135,13 @@ def first_course(
     deviation: float,
     measured: Array,
     impact_deviation: float,
-    *,
-    scan: bool = False,
+    start: tuple[float, float],
 ) -> Course:
     """
-    Return the course by partition and regression; with `scan` K and C come from a grid first.
+    Return the course by partition and regression, from a start for K and C.
 
-    Near resonance, free vibrations resemble the response to the force, so that the best point of a
-    grid may be far from the rig.
+    Near resonance, free vibrations resemble the response to the force, so that the best start, of
+    `scan_costs`, may be far from the rig.
 
     Raises
     ------
@@ -155,15 +152,11 @@ def first_course(
     bias = unknowns.column('bias')
     offset = clock_offset_of(record, rig) if bias >= 0 else 0.0
     record = record._replace(motion=record.motion - offset)
-    stiffness, damping = rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+    stiffness, damping = start
     late, force_delay = 0.0, unknowns.column('force_delay')
     if force_delay >= 0:
         late, stiffness = _delay(record, rig, deviation)
         rig = later(rig, late)
-    elif scan:
-        _, (stiffness, damping) = scan_costs(
-            thin_out(record, rig), rig, (stiffness, damping), deviation
-        )
     cuts = _penalties(record, measured, impact_deviation)
     for _ in range(_ROUNDS):
         vibration = Vibration.of(rig, stiffness, damping)

@@ -316,12 +316,10 @@ def _fit(
 
     starts: list[Course] = []
 
-    def attempt(*, scan: bool) -> RigFit | None:
-        """Return the fit from a first course; None from one that was tried before."""
+    def attempt(near: tuple[float, float]) -> RigFit | None:
+        """Return the fit from a start for K and C; None from a course that was tried before."""
         try:
-            course = first_course(
-                record, unknowns, noise, times, measured.impact_deviation, scan=scan
-            )
+            course = first_course(record, unknowns, noise, times, measured.impact_deviation, near)
             if starts and _same_start(starts[0], course):
                 return None
             starts.append(course)
@@ -336,15 +334,17 @@ def _fit(
     level = record._replace(motion=record.motion - offset * record.weight)
     if cause := misreading(level, start, noise):
         return _refusal(measured, [cause])
-    found = attempt(scan=False)
+    near = start.stiffness, max(start.damping, 1e-6 * start.stiffness / start.omega)
+    found = attempt(near)
     assert found is not None
     if found.accepted or _explains_record(found):
         return found
-    if 'force_delay' not in extras and (cause := wrong_file(level, start, noise)):
-        return found._replace(reasons=[cause, *found.reasons])
     if 'force_delay' in extras:
         return found
-    again = attempt(scan=True)
+    cause, near = wrong_file(level, start, noise, near)
+    if cause:
+        return found._replace(reasons=[cause, *found.reasons])
+    again = attempt(near)
     return again if again and (again.accepted or _explains_record(again)) else found
 
 

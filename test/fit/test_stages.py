@@ -142,12 +142,8 @@ def test_a_first_course_is_relaxed_to_the_motion(timed):
     """Weak and late impacts apart, it is that of the events, and K, C, R and gap are near."""
     unknowns, record, course, problem, measurement = known(108, timed=timed)
     times = measurement.record.impact_times if timed else np.zeros(0)
-    start = unknowns._replace(
-        rig=unknowns.rig.replace(
-            stiffness=1.03 * unknowns.rig.stiffness, damping=1.4 * unknowns.rig.damping
-        )
-    )
-    first = first_course(record, start, measurement.deviation, times, DEVIATION)
+    start = 1.03 * unknowns.rig.stiffness, 1.4 * unknowns.rig.damping
+    first = first_course(record, unknowns, measurement.deviation, times, DEVIATION, start)
     found = relax(first, problem, timed=timed)
     # K, C, alpha, grip, gap
     near = np.abs(found.shared / course.shared - 1.0)
