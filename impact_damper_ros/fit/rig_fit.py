@@ -12,7 +12,6 @@ Intervals are those of the linearised model with the noise of the residuals.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -29,7 +28,7 @@ from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
 from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
-from .gauss_newton import FitSolution, System
+from .knowledge import Knowledge, own_covariance
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
 from .partition import Record, noise_between, noise_of
@@ -37,7 +36,7 @@ from .record_check import faults_of
 from .relaxation import relax
 from .revision import UNCONFIRMED, Revised, revise
 from .shooting import Shooting
-from .unknowns import CONSTANTS, EXTRAS, Unknowns, later, scaled_constant
+from .unknowns import CONSTANTS, EXTRAS, Unknowns, later
 from .vibration import ORDERS, Array
 
 #: Further parameters that may be fitted, besides K, C, one restitution, friction and gap.
@@ -45,9 +44,8 @@ FURTHER = (
     *('restitution_2', 'restitution_speed', 'bias', 'force_delay'),
     *('damper_mass', 'primary_mass'),
 )
-#: Most steps of the constants of a file; part of a standard deviation at which steps end; and part
-#: by which a change of a constant revises the course again.
-_MOST_CONSTANTS, _SMALL, _MOVED = 6, 0.05, 0.01
+#: Most steps of the constants of a file, and part by which a change revises the course again.
+_MOST_CONSTANTS, _MOVED = 6, 0.01
 #: Share of flights that count above which it is not revised again.
 _ENOUGH = 0.95
 #: A fall of restitution beyond so many standard deviations is fitted; first courses are alike with
@@ -444,7 +442,7 @@ def _fitted_record(
     if found is not examined:
         evidence = Evidence.of(found.shooting, found.solution, scale)
         checks = evidence.candidates(moved)
-    own = _own_covariance(found.shooting, found.solution, scale)
+    own = own_covariance(found.shooting, found.solution, scale)
     known = known._replace(covariance=evidence.with_doubts(own, moved, checks))
     shown = max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
     result = _result(measured, found, found.chi * noise / shown, checks, known)
@@ -500,63 +498,6 @@ def _refusal(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
         residuals=nothing,
         rig=None,
     )
-
-
-class Knowledge(NamedTuple):
-    """
-    Constants by the record and the file together, one step from a solution.
-
-    Attributes
-    ----------
-    names : list of str
-        The constants with an uncertainty.
-    covariance : ndarray
-        Covariance of the shared unknowns and then of relative changes of the constants.
-    steps : dict
-        Relative change of each constant.
-    moves : bool
-        Whether a change is more than a small part of its deviation.
-    rig : RigParameters
-        The rig with the changes.
-    unknowns : ndarray
-        All unknowns with the changes.
-    """
-
-    names: list[str]
-    covariance: Array
-    steps: dict[str, float]
-    moves: bool
-    rig: RigParameters
-    unknowns: Array
-
-    @classmethod
-    def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> Knowledge:
-        """Return the knowledge for constants that were changed by parts since the file."""
-        shooting, solution = found.shooting, found.solution
-        own = _own_covariance(shooting, solution, scale)
-        evidence = Evidence.of(shooting, solution, scale, laws=False)
-        free = evidence.uncertain()
-        rig, names = shooting.unknowns.rig, [evidence.columns[k].name for k in free]
-        since = np.array([moved.get(one.name, 0.0) for one in evidence.columns])
-        step, covariance = evidence.step(free, since)
-        for name, part in zip(names, step.tolist(), strict=True):
-            rig = scaled_constant(rig, name, part) or rig
-        return cls(
-            names,
-            evidence.joint(free, own, covariance),
-            dict(zip(names, step.tolist(), strict=True)),
-            bool((np.abs(step) > _SMALL * np.sqrt(np.diag(covariance))).any()),
-            rig,
-            solution.unknowns + evidence.changes[:, free] @ step,
-        )
-
-
-def _own_covariance(shooting: Shooting, solution: FitSolution, scale: float) -> Array:
-    """Return the covariance of the shared unknowns where friction is not held at zero."""
-    free = copy.copy(shooting)
-    free.frictionless = False
-    own = free.equations(solution.unknowns) if shooting.frictionless else solution.equations
-    return System(own, 1e-11).covariance(np.arange(shooting.count)) * scale**2
 
 
 def _scale(measured: MeasuredMotion, found: Revised) -> float:
