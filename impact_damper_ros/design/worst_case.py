@@ -36,6 +36,8 @@ _AT_A_TIME, _BATCHES, _GROWTH = 48, 2, 1.25
 #: Gaps that are tried, over the best one: from the first factor times the lowest level, up to the
 #: second; and the improvement that is worth another whole grid.
 _LEAST_GAP, _WIDEST_GAP, _GAPS, _WORTH = 0.5, 1.5, 40, 0.02
+#: Decimals of a ratio: round-off must not decide which of many equal ones is the worst.
+_DECIMALS = 9
 
 
 @dataclass(frozen=True)
@@ -132,13 +134,18 @@ class _Uncertain:
         joined = {name: np.concatenate([one[name] for one in cases]) for name in cases[0]}
         return joined, np.concatenate(places)
 
+    def _ratios_of(self, sizes: Array, cases: dict[str, Array]) -> Array:
+        """Return the ratios of cases with some largest |X|, m."""
+        ratios: Array = np.round(sizes / bare_amplitudes(self.rig, cases), _DECIMALS)
+        return ratios
+
     def short_ratios(self, gaps: Array, cases: dict[str, Array]) -> tuple[Array, Flags]:
         """Return the ratios of 30 cycles, and which motions repeat, for each gap and case."""
         count = len(cases['level'])
         every = {name: np.tile(column, len(gaps)) for name, column in cases.items()}
         sizes, repeats = largest_in_short(self.rig, {**every, 'gap': np.repeat(gaps, count)})
         shape = len(gaps), count
-        return sizes.reshape(shape) / bare_amplitudes(self.rig, cases), repeats.reshape(shape)
+        return self._ratios_of(sizes.reshape(shape), cases), repeats.reshape(shape)
 
     def ratios(self, gap: float, cases: dict[str, Array], least: float = 0.0) -> Array:
         """
@@ -151,14 +158,14 @@ class _Uncertain:
         ratios: Array = short[0]
         repeats = repeat[0]
         irregular = np.flatnonzero(~repeats)
-        left, growth = irregular[np.argsort(-ratios[irregular])], _GROWTH
+        left, growth = irregular[np.argsort(-ratios[irregular], kind='stable')], _GROWTH
         for _ in range(_BATCHES):
             some, left = left[:_AT_A_TIME], left[_AT_A_TIME:]
             if not len(some) or growth * ratios[some[0]] <= max(least, float(ratios.max())):
                 break
             values = {name: column[some] for name, column in cases.items()}
             sizes = largest_in_long(self.rig, {**values, 'gap': np.full(len(some), gap)})
-            longer = sizes / bare_amplitudes(self.rig, values)
+            longer = self._ratios_of(sizes, values)
             growth = max(1.0, float((longer / ratios[some]).max()))
             ratios[some] = np.maximum(ratios[some], longer)
         return ratios
@@ -175,7 +182,7 @@ class _Uncertain:
         for width in _STEPS if steps.any() else ():
             offsets = np.array([*product(np.linspace(-width, width, _AROUND), repeat=2)]) * steps
             parts, cases = [], []
-            for k in np.argsort(-runs.ratios)[:_WORST]:
+            for k in np.argsort(-runs.ratios, kind='stable')[:_WORST]:
                 parts.append(np.unique(np.clip(runs.places[k] + offsets, 0.0, 1.0), axis=0))
                 values = {name: float(runs.cases[name][k]) for name in self.others}
                 cases.append(self.cases(parts[-1], **values))
