@@ -664,9 +664,8 @@ def test_a_journey_on_a_phone(opened, live, parameters, tmp_path):
     page('#play').click()
     page('#speed').select_option('5')
     page.expect('#status').to_have_text('ended')
-    assert page.run('impactDamper.history.end') == pytest.approx(
-        float(page('#scrub').get_attribute('max')), abs=0.1
-    )
+    # The last frame comes after the word.
+    page.wait("Math.abs(impactDamper.history.end - document.querySelector('#scrub').max) < 0.1")
     # The address has its time, not that of the rig before, and changes the words of the live page.
     scrub(page, 0)
     time = 'Number(/time=([\\d.]+)/.exec(location.hash)?.[1])'
