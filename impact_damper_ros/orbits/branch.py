@@ -167,7 +167,7 @@ def _measure(name: str) -> Callable[[BranchPoint], float]:
 
 
 #: Error of the place of the best motion, as a share of a step of the branch.
-_NARROW = 1e-6
+_NARROW = 1e-4
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
