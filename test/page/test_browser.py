@@ -613,6 +613,8 @@ def test_a_journey_on_a_phone(opened, live, parameters, tmp_path):
     # The best gap of the curve
     assert parameters.set(predict_motion=True) == ''
     page.wait('impactDamper.theory.curve?.branches.length > 0')
+    # There is nothing to click before it is drawn, two pictures of a page just opened later.
+    page.drawn()
     box = page('#curve-canvas').bounding_box()
     page('#curve-canvas').click(position={'x': 0.6 * box['width'], 'y': 0.5 * box['height']})
     until(lambda: parameters.get('gap') != 0.026)

@@ -114,7 +114,9 @@ export class Actions {
     const { store } = this;
     // What the page shows may be older than the answer of the rig.
     do await new Promise((resolve) => { setTimeout(resolve, LATE); }); while (store.status === 'paused' && store.history.end <= start);
-    if (store.status !== 'paused') toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
+    const { impacts } = store.history;
+    const hit = impacts.after(start) < impacts.end;
+    if (store.status !== 'paused' && !hit) toast('No impact so far: the rig runs on to the next one. Pause holds it here.');
   }
 
   /** Bring the rig to what the address asks for, once. */

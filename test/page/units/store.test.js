@@ -9,6 +9,7 @@ Object.assign(globalThis, {
   history: { state: null, replaceState(state, _title, hash) { [this.state, globalThis.location.hash] = [state, hash]; } },
 });
 const { isOwnAddress, readAddress } = await import('../../../impact_damper_ros/page/static/address.js');
+const { Actions } = await import('../../../impact_damper_ros/page/static/actions.js');
 const { Store } = await import('../../../impact_damper_ros/page/static/store.js');
 const { Connection, readFrame } = await import('../../../impact_damper_ros/page/static/protocol.js');
 
@@ -87,6 +88,22 @@ test('frames of a running rig end a state that has passed, and no other one', ()
     store.receive({ type: 'status', state, text: '', time: null });
     store.takeFrame(frame);
     assert.equal(store.status, after);
+  }
+});
+
+test('a step to an impact that has come is not called in vain once the rig runs on', async (t) => {
+  t.mock.timers.enable({ apis: ['setTimeout'] });
+  const place = { dataset: {}, textContent: '', hidePopover() {}, showPopover() {} };
+  globalThis.document = { getElementById: () => place };
+  const { store } = greeted();
+  const actions = new Actions(store, null);
+  const frame = { end: 2, paused: false, samples: [0, 0], impacts: [-0.5], measured: [], acts: [], ghost_samples: [], ghost_impacts: [] };
+  store.takeFrame(frame);
+  for (const [start, said] of [[1, /^$/], [1.5, /^No impact so far/]]) {
+    const reported = actions.reportNoImpact(start);
+    t.mock.timers.tick(2000);
+    await reported;
+    assert.match(place.textContent, said);
   }
 });
 
