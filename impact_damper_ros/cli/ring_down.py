@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from impact_damper_ros.orbits.ring_down import RELEASES, ring_down
-from impact_damper_ros.parameters.base_motion import QUANTITIES
+from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.report.ring_down_figure import (
     ring_down_csv,
     ring_down_figure,
@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ).parameters
         hint('ring_down', rig)
         size, quantity = arguments.start
-        amplitude = size / rig.omega ** list(QUANTITIES).index(quantity)
+        amplitude = size / rig.omega ** ORDERS[quantity]
         with long_work('ring_down', 'still ringing down; Ctrl-C ends it'):
             found = ring_down(rig, amplitude, releases=int(arguments.releases))
         title = rig_line(found.parameters)

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import numpy.typing as npt
 
+from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.ensemble import run_ensemble
 from impact_damper_ros.rig.rig import Rig
@@ -40,8 +41,6 @@ _MEASURED, _SAMPLES, _MEASURED_IRREGULAR, _FEWER_SAMPLES = 30, 16, 500, 6
 _LONGEST_PERIOD, _REPEATS = 6, 1e-3
 #: Most samples that are kept at a time.
 _MOST_SAMPLES = 1_000_000
-#: Powers of the frequency by which the displacement of a base falls, by quantity.
-_POWERS = {'displacement': 0, 'velocity': 1, 'acceleration': 2}
 #: A gap that M does not swing across, over its amplitude.
 _OPEN = 20.0
 
@@ -88,7 +87,7 @@ def _similar(rig: RigParameters, cases: Cases) -> tuple[dict[str, npt.ArrayLike]
     ratio = np.asarray(cases.get('frequency', 1.0), dtype=float)
     if 'frequency' in cases:
         ratio = ratio / rig.first_harmonic[1]
-    power = 2 if rig.swept == 'force' else _POWERS[rig.base_quantity]
+    power = 2 if rig.swept == 'force' else ORDERS[rig.base_quantity]
     level = _column(rig, cases, 'level')
     lengths, weights = level / ratio**power, level * ratio ** (2 - power)
     scales = {

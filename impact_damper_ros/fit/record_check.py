@@ -8,11 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .measured_motion import MeasuredMotion
 from .partition import noise_of
-from .vibration import ORDERS, Array, Vibration
+from .vibration import Array, Vibration
 
 _LEAST_SAMPLES, _LEAST_PER_PERIOD = 50, 8.0
 #: A gap in time longer than this part of a natural period ends a record.

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
@@ -37,7 +38,7 @@ from .relaxation import relax
 from .revision import UNCONFIRMED, Revised, revise
 from .shooting import Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later
-from .vibration import ORDERS, Array
+from .vibration import Array
 
 #: Further parameters that may be fitted, besides K, C, one restitution, friction and gap.
 FURTHER = (

@@ -20,9 +20,6 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 Array = NDArray[np.float64]
 Phasors = NDArray[np.complex128]
 
-#: Number of time derivatives of the displacement, by the measured quantity.
-ORDERS = {'displacement': 0, 'velocity': 1, 'acceleration': 2}
-
 
 class Vibration(NamedTuple):
     """

@@ -180,8 +180,13 @@ def symmetric(machine: Machine) -> bool:
 
 
 def first_turn(stops: tuple[int, ...]) -> tuple[int, ...]:
-    """Return a repeated stop sequence from the impact from which it comes first in order."""
+    """Return the turn of a stop sequence that comes first in lexical order."""
     return min(stops[i:] + stops[:i] for i in range(len(stops)))
+
+
+def mirrored_stops(stops: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the stops that the mirror image of a motion hits."""
+    return tuple(3 - stop for stop in stops)
 
 
 def plausible_stops(parameters: RigParameters, impacts: int) -> list[tuple[int, ...]]:

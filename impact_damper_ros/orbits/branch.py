@@ -389,7 +389,7 @@ class Branch:
                 best = point
             return size(point)
 
-        # scipy.optimize takes longer to load than the search of a whole design.
+        # Golden sections: scipy.optimize would take longer to load than a hundred such searches.
         low, high = 0.0, float(len(sides))
         one, other = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         sizes = [size_at(one), size_at(other)] if sides else []

@@ -12,7 +12,7 @@ from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .arguments import single_harmonic
+from .arguments import mirrored_stops, single_harmonic
 
 #: A multiplier whose modulus is nearer to 1 is on the unit circle: a double multiplier has half of
 #: the digits only.
@@ -332,7 +332,7 @@ class PeriodicOrbit(Rhythm):
         )
         image = replace(
             self,
-            stops=tuple(3 - stop for stop in self.stops),
+            stops=mirrored_stops(self.stops),
             phases=tuple((phase + 0.5) % self.cycles for phase in self.phases),
             events=tuple(late),
             **turned,

@@ -31,6 +31,7 @@ from .arguments import (
     check_forcing,
     check_stops,
     first_turn,
+    mirrored_stops,
     pressed_to,
     repeats_after,
     single_harmonic,
@@ -253,9 +254,9 @@ def starting_rigs(parameters: RigParameters) -> Iterator[Rig]:
 
 def _looks(rig: Rig, cycles: int) -> Iterator[tuple[int, Snapshot]]:
     """
-    Yield some last states of a rig which has time to settle, and the cycles of the force before.
+    Run a rig until it may have settled; yield its last states, and the cycles that each follows.
 
-    They are whole numbers of periods apart. A rig with too many events is left out.
+    The states are whole numbers of periods apart. A rig with too many events is left out.
     """
     period = cycles * math.tau / rig.parameters.first_harmonic[1]
     last = max(2 * _STARTS_PER_RUN, _SETTLING_CYCLES // cycles) - 1
@@ -476,7 +477,7 @@ def find_orbits(
     if starts is not None:
         starts = whole_number('starts', starts, 0, 10_000_000)
     check_forcing(parameters, cycles)
-    mirrored = first_turn(tuple(3 - stop for stop in stops))
+    mirrored = first_turn(mirrored_stops(stops))
     try:
         found = _orbits_with(parameters, stops, cycles, starts, simulate)
         if mirrored == first_turn(stops) or not symmetric(machine_of(parameters)):
@@ -517,6 +518,6 @@ def _orbits_with(
     )
     orbits += filter(None, others)
     if symmetric(machine):
-        mirrored = tuple(3 - stop for stop in stops)
-        orbits += [orbit.mirror_image() for orbit in orbits if orbit.shifts(mirrored)]
+        images = (orbit.mirror_image() for orbit in orbits if orbit.shifts(mirrored_stops(stops)))
+        orbits += list(images)
     return OrbitSearch(tuple(_distinct(orbits, stops)), report.with_guesses(others))

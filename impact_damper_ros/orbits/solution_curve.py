@@ -11,14 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import cached_property, partial
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import FIRST_LINE, FRICTION, GRAVITY, NUMBERS
-from impact_damper_ros.parameters.base_motion import QUANTITIES
+from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
@@ -194,12 +193,12 @@ class SolutionCurve:
         self._own = _own_numbers(name, self.parameters)
         if self._own:
             start, slope = parameter_numbers(self.parameters), np.zeros(len(self.problem.rig))
-            base, rig = self.parameters.base_rows, self.parameters
-            lines = zip(rig.base_amplitudes, rig.base_frequencies, rig.base_phases, strict=True)
-            if base.stop:
-                start[FIRST_LINE + 3 * base.start :][: 3 * len(rig.base_phases)] = [*chain(*lines)]
+            rig = self.parameters
+            base = rig.base_amplitudes, rig.base_frequencies, rig.base_phases
+            if rig.base_motion.moves:
+                start[FIRST_LINE:].reshape(-1, 3)[rig.base_rows] = np.transpose(base)
             start[self._own], slope[self._own] = 0.0, scale
-            self.problem.set_path(start, slope, list(QUANTITIES).index(rig.base_quantity))
+            self.problem.set_path(start, slope, ORDERS[rig.base_quantity])
         later = orbit.period * np.arange(times)[:, None]
         unknowns = self.problem.unknowns(
             np.tile(guess.states, (times, 1)), (guess.instants + later).ravel()

@@ -22,6 +22,8 @@ from .units import UNITS
 
 #: Quantities of which amplitudes of a base may be given, and the SI unit of each.
 QUANTITIES = {'displacement': 'm', 'velocity': 'm/s', 'acceleration': 'm/s^2'}
+#: The derivative of a displacement that each of them is.
+ORDERS = {quantity: order for order, quantity in enumerate(QUANTITIES)}
 #: Search for a passage of b through zero: first number of steps in a period of the fastest line,
 #: factor by which a step may be longer than the step before, and most steps.
 _STEPS_PER_PERIOD, _GROWTH, _MOST_STEPS = 16, 1.01, 4000

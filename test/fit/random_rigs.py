@@ -14,7 +14,7 @@ from impact_damper_ros.fit.measured_motion import MeasuredMotion
 from impact_damper_ros.fit.partition import Record
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import Unknowns
-from impact_damper_ros.fit.vibration import ORDERS
+from impact_damper_ros.parameters.base_motion import ORDERS
 
 #: Standard deviation of a measured impact time, s.
 DEVIATION = 5e-4

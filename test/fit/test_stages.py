@@ -28,7 +28,8 @@ from impact_damper_ros.fit.replayed_course import STICKS
 from impact_damper_ros.fit.revision import UNCONFIRMED, Revised
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import CONSTANTS, Unknowns
-from impact_damper_ros.fit.vibration import ORDERS, Vibration
+from impact_damper_ros.fit.vibration import Vibration
+from impact_damper_ros.parameters.base_motion import ORDERS
 
 from .random_rigs import DEVIATION, measure, random_rig, true_course
 
