@@ -13,10 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
+from math import copysign, sqrt
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from impact_damper_ros.motion.kernels import call_kernel, kernel
 from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.ensemble import run_ensemble
@@ -39,8 +43,6 @@ _MEASURED, _SAMPLES, _MEASURED_IRREGULAR, _FEWER_SAMPLES = 30, 16, 500, 6
 #: Longest period of a motion that repeats, in cycles, and accuracy to which its largest |X|
 #: repeats.
 _LONGEST_PERIOD, _REPEATS = 6, 1e-3
-#: Most samples that are kept at a time.
-_MOST_SAMPLES = 1_000_000
 #: A gap that M does not swing across, over its amplitude.
 _OPEN = 20.0
 
@@ -115,23 +117,34 @@ def bare_amplitudes(rig: RigParameters, cases: Cases) -> Array:
     return amplitudes
 
 
-def _sizes(states: npt.NDArray[np.void], cycles: int) -> Array:
+@kernel
+def write_largest_in_cycles(samples: Any, sizes: Any) -> None:
+    """Write the largest |X| of each rig in each of some cycles, from X and X' of samples."""
+    times, places, velocities = samples['time'], samples['x'], samples['primary_velocity']
+    in_cycle = (times.shape[1] - 1) // sizes.shape[1]
+    for rig in range(len(sizes)):
+        for k in range(times.shape[1] - 1):
+            before, after = places[rig, k], places[rig, k + 1]
+            largest = max(abs(before), abs(after))
+            v, w = velocities[rig, k], velocities[rig, k + 1]
+            if v * w < 0.0:
+                # X between the samples is a cubic
+                span = times[rig, k + 1] - times[rig, k]
+                first, last = span * v, span * w
+                a = 2.0 * (before - after) + first + last
+                b = 3.0 * (after - before) - 2.0 * first - last
+                root = sqrt(max(b * b - 3.0 * a * first, 0.0))
+                share = min(max(first / (copysign(root, first) - b), 0.0), 1.0)
+                largest = max(largest, abs(before + share * (first + share * (b + share * a))))
+            cycle = k // in_cycle
+            sizes[rig, cycle] = largest if k % in_cycle == 0 else max(sizes[rig, cycle], largest)
+
+
+def _sizes(samples: npt.NDArray[np.void], cycles: int) -> Array:
     """Return the largest |X| in each of some cycles, from X and X' of samples."""
-    x, v = states['x'], states['primary_velocity']
-    h = np.diff(states['time'])
-    sizes = np.maximum(np.abs(x[:, :-1]), np.abs(x[:, 1:]))
-    # Where X' changes sign, X between two samples is a cubic
-    turns = np.nonzero(v[:, :-1] * v[:, 1:] < 0.0)
-    before, after = x[:, :-1][turns], x[:, 1:][turns]
-    speeds = h[turns] * v[:, :-1][turns], h[turns] * v[:, 1:][turns]
-    a = 2.0 * (before - after) + speeds[0] + speeds[1]
-    b = 3.0 * (after - before) - 2.0 * speeds[0] - speeds[1]
-    root = np.sqrt(np.maximum(b * b - 3.0 * a * speeds[0], 0.0))
-    share = np.clip(speeds[0] / (np.copysign(root, speeds[0]) - b), 0.0, 1.0)
-    peaks = before + share * (speeds[0] + share * (b + share * a))
-    sizes[turns] = np.maximum(sizes[turns], np.abs(peaks))
-    largest: Array = sizes.reshape(len(x), cycles, -1).max(axis=2)
-    return largest
+    sizes = np.empty((len(samples), cycles))
+    call_kernel(write_largest_in_cycles, samples, sizes, what='simulator')
+    return sizes
 
 
 def _in_cycles(rig: RigParameters, cases: Cases, cycles: int, samples: int) -> Array:
@@ -139,15 +152,11 @@ def _in_cycles(rig: RigParameters, cases: Cases, cycles: int, samples: int) -> A
     values, lengths = _similar(rig, cases)
     cycle, first = math.tau / rig.first_harmonic[1], settling_cycles(rig)
     instants = (first + np.arange(cycles * samples + 1) / samples) * cycle
-    count, at_a_time = len(np.asarray(values['gap'])), max(_MOST_SAMPLES // len(instants), 1)
-    parts = []
-    for start in range(0, count, at_a_time):
-        some = {n: np.asarray(v)[start : start + at_a_time] for n, v in values.items()}
-        result = run_ensemble(rig, some, float(instants[-1]), instants)
-        sizes = _sizes(result.samples, cycles)
-        sizes[result.outcomes != Outcome.COMPLETE] = math.inf
-        parts.append(sizes)
-    return np.broadcast_to(lengths, count)[:, None] * np.concatenate(parts)
+    largest = partial(_sizes, cycles=cycles)
+    result = run_ensemble(rig, values, float(instants[-1]), instants, reduce=largest)
+    sizes: Array = result.samples
+    sizes[result.outcomes != Outcome.COMPLETE] = math.inf
+    return np.broadcast_to(lengths, len(sizes))[:, None] * sizes
 
 
 def largest_in_short(rig: RigParameters, cases: Cases) -> tuple[Array, Flags]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -53,6 +53,8 @@ from .run_arguments import later_time, most_of, times_between
 from .run_result import Outcome
 from .runaway import MOST_IN_PERIOD
 
+#: What is kept of the samples of some rigs.
+Reduction = Callable[[npt.NDArray[np.void]], npt.NDArray[Any]]
 #: Rigs between two moments at which a run can be interrupted.
 _BLOCK = 64
 #: Parameters that are arrays, or that change the form of the force.
@@ -74,7 +76,8 @@ class EnsembleResult(NamedTuple):
     times : ndarray of float, shape (n,)
         Time reached, s.
     samples : ndarray of SAMPLE_TYPE, shape (n, k)
-        Motion at the requested instants; NaN at those that were not reached.
+        Motion at the requested instants; NaN at those that were not reached. What `reduce` has
+        made of it instead, if that was given: (n, ...).
     event_counts : ndarray of int, shape (n,)
         Number of transitions.
     time_in_mode : ndarray of float, shape (n, 8)
@@ -91,7 +94,7 @@ class EnsembleResult(NamedTuple):
 
     outcomes: npt.NDArray[np.int64]
     times: npt.NDArray[np.float64]
-    samples: npt.NDArray[np.void]
+    samples: npt.NDArray[Any]
     event_counts: npt.NDArray[np.int64]
     time_in_mode: npt.NDArray[np.float64]
     actuator_energies: npt.NDArray[np.float64]
@@ -225,6 +228,7 @@ def run_ensemble(
     law: Law | None = None,
     most_events: float = float('inf'),
     threads: int | None = None,
+    reduce: Reduction | None = None,
 ) -> EnsembleResult:
     """
     Run many rigs that differ in some parameters, in compiled code.
@@ -252,6 +256,9 @@ def run_ensemble(
         Most events of a rig.
     threads : int, optional
         Number of threads; as many as there are processors, if not given.
+    reduce : callable, optional
+        Called with the samples of some of the rigs at a time, shape (m, k), in any thread: returns
+        what is kept of them, an array with m rows, so that not all samples are in memory at once.
 
     Returns
     -------
@@ -277,6 +284,10 @@ def run_ensemble(
     >>> result = run_ensemble(RigParameters(), {'gap': np.linspace(10.0, 60.0, 5)}, 500.0, [500.0])
     >>> result.samples.shape, int(result.outcomes.max())
     ((5, 1), 0)
+    >>> gaps, late = {'gap': np.linspace(10.0, 60.0, 5)}, np.linspace(400.0, 500.0, 1001)
+    >>> largest = lambda samples: np.abs(samples['x']).max(axis=1)
+    >>> run_ensemble(RigParameters(), gaps, 500.0, late, reduce=largest).samples.shape
+    (5,)
     """
     check_rig('parameters', parameters)
     if parameters.sweep_mode != 'off':
@@ -325,7 +336,7 @@ def run_ensemble(
     while result is None or len(pending):
         arrays = constants[pending], lines[pending], runs[pending], waves[pending]
         acting = None if controls is None else _some(controls, pending)
-        latest = _run_all(arrays, acting, end, when, threads)
+        latest = _run_all(arrays, acting, end, when, threads, reduce)
         if acting is not None and (latest.outcomes == LAW_FAILED).any():
             assert own is not None
             k = int(np.argmax(latest.outcomes == LAW_FAILED))
@@ -358,14 +369,17 @@ def _run_all(
     end: float,
     when: npt.NDArray[np.float64],
     threads: int | None,
+    reduce: Reduction | None,
 ) -> EnsembleResult:
     """Let all rigs run, block by block, in threads."""
     constants, lines, runs, waves = arrays
-    samples = np.full((len(runs), len(when), len(Sample._fields)), np.nan)
+    firsts = range(0, len(runs), _BLOCK)
+    kept: dict[int, Any] = {}
     outcomes, in_mode = np.zeros(len(runs), np.int64), np.zeros((len(runs), len(Mode)))
 
     def run_block(first: int) -> None:
         rows = slice(first, first + _BLOCK)
+        samples = np.full((len(outcomes[rows]), len(when), len(Sample._fields)), np.nan)
         run_compiled(
             (constants[rows], lines[rows], runs[rows]),
             waves[rows],
@@ -375,11 +389,13 @@ def _run_all(
             end,
             when,
             outcomes[rows],
-            samples[rows],
+            samples,
             anew=True,
         )
+        states = samples.view(SAMPLE_TYPE).reshape(samples.shape[:2])
+        kept[first] = states if reduce is None else reduce(states)
 
-    on_threads(run_block, range(0, len(runs), _BLOCK), threads)
+    on_threads(run_block, firsts, threads)
     energies = np.zeros((len(runs), 2))
     if controls is not None:
         actuators: Any = controls.actuators
@@ -388,7 +404,7 @@ def _run_all(
     return EnsembleResult(
         outcomes,
         runs['now'].copy(),
-        samples.view(SAMPLE_TYPE).reshape(len(runs), len(when)),
+        np.concatenate([kept[first] for first in firsts]),
         runs['happened'].copy(),
         in_mode,
         energies,

@@ -26,6 +26,7 @@ from impact_damper_ros.design.runs_from_rest import (
     widest_hit,
 )
 from impact_damper_ros.design.worst_case import worst_cases
+from impact_damper_ros.motion.event import SAMPLE_TYPE
 
 
 def structure(**values):
@@ -281,7 +282,7 @@ def test_the_gap_of_theory_is_its_formula(ratio, speed):
 def test_the_largest_displacement_of_a_cycle_is_between_its_samples():
     """A cubic turns at -1 and 1, where it is 2.5 and -1.5; at samples it is less."""
     times = np.array([-1.7, -0.6, 0.1, 1.2, 1.6])
-    samples = np.zeros((2, 5), [(n, 'f8') for n in ('time', 'x', 'primary_velocity')])
+    samples = np.zeros((2, 5), SAMPLE_TYPE)
     samples['time'] = times
     samples['x'] = times**3 - 3.0 * times + 0.5, times
     samples['primary_velocity'] = 3.0 * times**2 - 3.0, np.ones(5)

@@ -131,6 +131,20 @@ def test_each_rig_runs_as_it_does_alone(name):
         assert found.actuator_energies.any() == ('actuator_speed' in {*control, *values})
 
 
+def test_what_is_kept_of_the_samples_is_in_the_order_of_the_rigs():
+    count, rig = 150, RigParameters(gravity=0.0)
+    values = {'gap': np.linspace(10.0, 60.0, count)}
+    instants = np.linspace(0.0, 40.0, 9)
+    whole = run_ensemble(rig, values, 40.0, instants).samples
+    sizes = run_ensemble(
+        *(rig, values, 40.0, instants),
+        reduce=lambda samples: np.abs(samples['x']).max(axis=1),
+        threads=3,
+    ).samples
+    assert whole.shape == (count, 9)
+    assert sizes.tolist() == np.abs(whole['x']).max(axis=1).tolist()
+
+
 def test_a_law_that_fails_names_its_rig():
     values = {'gap': [6.0, 8.0], 'damper_mass': [0.05, 0.04]}
     with pytest.raises(LawError, match=r'rig 0 of the ensemble: the law .*astray returned \(-4'):
