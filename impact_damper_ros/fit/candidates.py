@@ -466,12 +466,14 @@ def wrong_file(
     record: Record, rig: RigParameters, deviation: float, start: tuple[float, float]
 ) -> tuple[str, tuple[float, float]]:
     """
-    Return another fault if a fit has failed: an m that sticks, sign or phase of the force.
+    Return the fault of a file with which a fit has failed, and the start for another attempt.
 
-    Without one, the second result is a better start for K and C than the given one.
-
-    With a unit that leaves hardly any force, vibrations are fewer than with a wrong phase.
+    The fault is a sentence: a record without impacts, or another sign, level or phase of the
+    force, where one leaves far fewer vibrations; '' if none does. The start is the best K and C
+    of a grid about the given ones, which counts where there is no fault.
     """
+    # Units are not tried: with one that leaves hardly any force, vibrations are fewer than with a
+    # wrong phase.
     if without_impacts := _one_vibration(record, rig, deviation):
         return without_impacts, start
     fewer = thin_out(record, rig, _SAMPLES)

@@ -49,18 +49,10 @@ class FitSolution(NamedTuple):
         All unknowns.
     equations : Equations
         The equations at the solution.
-    settled : bool
-        Whether the last step was negligible.
     """
 
     unknowns: Array
     equations: Equations
-    settled: bool
-
-    @property
-    def squares(self) -> float:
-        """Sum of squares of the residuals."""
-        return float(self.equations.residual @ self.equations.residual)
 
     @property
     def broken(self) -> float:
@@ -211,7 +203,6 @@ def solve(
     equations = shooting.equations(u, soft)
     merit = _merit(equations.residual, equations.condition)
     damping = _FIRST_DAMPING
-    settled = False
     for _ in range(most):
         taken = None
         for _ in range(_TRIES):
@@ -241,14 +232,13 @@ def solve(
             and part == 1.0
             and np.abs(equations.condition).max(initial=0.0) < _EXACT
         ):
-            settled = True
             break
     if grip >= 0 and u[grip] < 0.0 and not (shooting.frictionless or soft):
         shooting.frictionless = True
         u = u.copy()
         u[grip] = 0.0
         return solve(shooting, u, most=most, least_gain=least_gain)
-    return FitSolution(u, equations, settled)
+    return FitSolution(u, equations)
 
 
 def _merit(residual: Array, condition: Array) -> float:

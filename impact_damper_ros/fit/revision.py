@@ -81,16 +81,24 @@ class Revised(NamedTuple):
 
     @property
     def unclear(self) -> int:
-        """Number of flights that are left out though the engine makes them as measured."""
+        """
+        Number of flights left out that say neither that the model is right nor that it is wrong.
+
+        The engine makes them as measured, but m sticks or hardly reverses in them.
+        """
         return self._left_out(STICKS, FLAT)
 
     @property
     def obey(self) -> int:
-        """Number of flights that no verdict rejects, whether another one confirms them or not."""
+        """
+        Number of flights that the model explains.
+
+        They count in the fit, or would if a neighbour confirmed them (`UNCONFIRMED`).
+        """
         return int(self.course.flies.sum()) + self._left_out(UNCONFIRMED)
 
     def _left_out(self, *whys: str) -> int:
-        """Return the number of flights that are left out for some reasons."""
+        """Return the number of flights that are left out for one of some reasons of `why_cut`."""
         return sum(self.why_cut.get(int(k)) in whys for k in np.flatnonzero(self.course.begins))
 
     @property
@@ -122,7 +130,8 @@ class Revised(NamedTuple):
         # What is beside an unconfirmed flight has been confirmed by that.
         breaks = np.append(course.begins, True)
         breaks[[k for k, why in self.why_cut.items() if why == UNCONFIRMED]] = False
-        first, last = breaks[:-2], breaks[2:]
+        before, after = breaks[:-2], breaks[2:]
+        alone = (before & after) | (before & free[:-1]) | (after & free[1:])
         found: dict[int, str] = {}
         for k in map(int, np.flatnonzero(course.flies)):
             if not turn.confirms(k):
@@ -131,7 +140,7 @@ class Revised(NamedTuple):
                 found[k] = FLAT
             elif grazes[k] or grazes[k + 1]:
                 found[k] = 'm hardly touches a stop'
-            elif (first[k] and last[k]) or (first[k] & free[k]) or (last[k] & free[k + 1]):
+            elif alone[k]:
                 found[k] = UNCONFIRMED
         dear = to_release(self.gains, MOST_GAIN) or (
             unmet(shooting, self.solution) if self.solution.broken > _EXACT and not found else {}

@@ -20,22 +20,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.parameters.base_motion import ORDERS
-from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
+from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
 from .acceptance import LEAST_USED, MOST_CHI, judge_fit
-from .candidates import OVER_SPEED, Candidate, Evidence, misreading, shared_with_fall, wrong_file
+from .candidates import Candidate, misreading, wrong_file
 from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
 from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
-from .knowledge import Knowledge, own_covariance
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
-from .partition import Record, noise_between, noise_of
+from .partition import Record
 from .record_check import faults_of
-from .relaxation import relax
-from .revision import UNCONFIRMED, Revised, revise
+from .record_fit import NO_SUCH_RIG, OtherLawError, RecordFit, rough_noise
+from .revision import UNCONFIRMED, Revised
 from .shooting import Shooting
 from .unknowns import CONSTANTS, EXTRAS, Unknowns, later
 from .vibration import Array
@@ -45,26 +44,10 @@ FURTHER = (
     *('restitution_2', 'restitution_speed', 'bias', 'force_delay'),
     *('damper_mass', 'primary_mass'),
 )
-#: Most steps of the constants of a file, and part by which a change revises the course again.
-_MOST_CONSTANTS, _MOVED = 6, 0.01
-#: Share of flights that count above which it is not revised again.
-_ENOUGH = 0.95
-#: A fall of restitution beyond so many standard deviations is fitted; first courses are alike with
-#: as many impacts and stiffnesses that differ by less than this part.
-_FALL, _SAME_STIFFNESS = 3.0, 1e-3
-#: Largest v/v_c that is fitted: above it R is nearly a power of the speed.
-_STEEPEST = 100.0
-#: Samples closer to an impact than this (s), or this many samples, are not used of a velocity or
-#: an acceleration, which jumps there.
-_CONTACT, _AROUND = 1e-3, 0.75
-
+#: First courses are alike with as many impacts and stiffnesses that differ by less than this part.
+_SAME_STIFFNESS = 1e-3
 #: A clock that begins farther from 0, s, leaves too few digits for derivatives by the time.
 _FAR = 1e4
-#: Least noise for the search of impacts, as a part of the motion (rms): a record of a simulation
-#: has none, and residuals of the first, rough model would pass for impacts.
-_LEAST_NOISE = 0.01
-#: Least noise for standard deviations, which rounding makes.
-_ROUNDING = 1e-6
 
 IMPACT_TYPE = np.dtype(
     [
@@ -176,10 +159,6 @@ class RigFit(NamedTuple):
 
 class FitOptionError(ValueError):
     """An unknown option of a fit."""
-
-
-class OtherLawError(Exception):
-    """A record that a fit explains but for the law of restitution; the text has the remedy."""
 
 
 def fit_rig(
@@ -309,24 +288,24 @@ def _fit(
     )
     times = np.zeros(0) if measured.impact_times is None else np.asarray(measured.impact_times)
     inside = (times > record.time[0]) & (times < record.time[-1])
-    times = times[inside]
-    least = _LEAST_NOISE * float(np.std(record.motion[measured.used]))
-    noise = max(noise_of(record.motion[measured.used]), least)
+    times, deviation = times[inside], measured.impact_deviation
+    noise = rough_noise(record)
 
     starts: list[Course] = []
 
     def attempt(near: tuple[float, float]) -> RigFit | None:
         """Return the fit from a start for K and C; None from a course that was tried before."""
         try:
-            course = first_course(record, unknowns, noise, times, measured.impact_deviation, near)
+            course = first_course(record, unknowns, noise, times, deviation, near)
             if starts and _same_start(starts[0], course):
                 return None
             starts.append(course)
-            return _fitted_record(measured, record, unknowns, times, noise, least, course)
+            fit = RecordFit(record, unknowns, times, deviation)
+            fit.run(course)
+            return _result(measured, fit)
         except UnfitRecordError as error:
             return _refusal(measured, [str(error)])
-        except (ParameterError, RuntimeError, np.linalg.LinAlgError):
-            # No such rig, a flight that the engine cannot compute, or no unique solution
+        except NO_SUCH_RIG:
             return _refusal(measured, [f'no rig like this one moves as recorded: {WRONG_RIG}'])
 
     offset = clock_offset_of(record, start) if 'bias' in extras else 0.0
@@ -359,126 +338,6 @@ def _explains_record(found: RigFit) -> bool:
     return used >= LEAST_USED * max(len(found.flights), 1) and found.chi_squared < MOST_CHI**2
 
 
-def _fitted_record(
-    measured: MeasuredMotion,
-    record: Record,
-    unknowns: Unknowns,
-    times: Array,
-    noise: float,
-    least: float,
-    course: Course,
-) -> RigFit:
-    """Fit a rig to a record from a first course; noise is at least as large as given."""
-    rough = noise
-    step = float(np.median(np.diff(record.time)))
-    masked = max(_CONTACT, _AROUND * step) if record.order else 0.0
-
-    def problem(course: Course) -> Shooting:
-        return Shooting(record, noise, unknowns, course, times, measured.impact_deviation, masked)
-
-    moved: dict[str, float] = {}
-
-    def with_constants(found: Revised) -> tuple[Revised, Knowledge]:
-        """Return the fit with constants by record and file, without rejected flights."""
-        nonlocal moved, unknowns
-        known = Knowledge.of(found, scale, moved)
-        for _ in range(_MOST_CONSTANTS):
-            if not known.moves or 2 * found.obey < len(found.course.flies):
-                break
-            moved = {name: moved.get(name, 0.0) + step for name, step in known.steps.items()}
-            unknowns = unknowns._replace(rig=known.rig)
-            found = found.solve(problem, found.shooting.course_of(known.unknowns))
-            known = Knowledge.of(found, scale, moved)
-        flights = int(found.course.flies.sum())
-        found = found.without_rejected(problem)
-        _check_flights(found)
-        return found, Knowledge.of(
-            found, scale, moved
-        ) if found.course.flies.sum() < flights else known
-
-    course = relax(course, problem, timed=len(times) > 0)
-    noise = max(_noise(problem(course), rough), least)
-    found = revise(course, problem).without_rejected(problem)
-    _check_flights(found)
-    # Weights of data and of impact times by the noise of the residuals
-    noise = max(noise * found.chi, _ROUNDING * least / _LEAST_NOISE)
-    found = found.solve(problem)
-    scale = _scale(measured, found)
-    remarks: list[str] = []
-    found, known = with_constants(found)
-    examined = found
-    evidence = Evidence.of(found.shooting, found.solution, scale)
-    checks = evidence.candidates(moved)
-    few = found.obey < _ENOUGH * len(found.course.flies)
-    changed = max(map(abs, moved.values()), default=0.0) > _MOVED
-    fall = _fall(checks, unknowns)
-    if fall is not None:
-        unknowns = unknowns._replace(extras=(*unknowns.extras, 'slowness'))
-        course = found.course.copy()
-        course.shared = shared_with_fall(found.shooting, found.solution.unknowns, fall.value)
-        try:
-            found = revise(course, problem).without_rejected(problem)
-            _check_fall(found)
-            found, known = with_constants(found)
-        except (UnfitRecordError, ParameterError, RuntimeError, np.linalg.LinAlgError) as error:
-            raise OtherLawError(
-                'restitution depends on the speed of impact, but not as a restitution_exponent of '
-                f'{unknowns.rig.restitution_exponent:g} has it: give another one'
-            ) from error
-        remarks = [
-            'restitution_speed is fitted: that R falls with the speed of impact is '
-            f'{abs(fall.z):.0f} standard deviations from 0'
-        ]
-    elif few and changed:
-        # Flights were left out with constants that have changed since.
-        found, known = with_constants(revise(found.course, problem).without_rejected(problem))
-    if unknowns.value(found.course.shared, 'slowness') < 0.0:
-        # No rig has a restitution that grows with the speed.
-        unknowns = unknowns._replace(extras=unknowns.extras[:-1])
-        course = found.course.copy()
-        course.shared = course.shared[:-1]
-        found = found.solve(problem, course).without_rejected(problem)
-        known = Knowledge.of(found, scale, moved)
-        remarks = ['restitution does not fall with the speed of impact in this record']
-    if found is not examined:
-        evidence = Evidence.of(found.shooting, found.solution, scale)
-        checks = evidence.candidates(moved)
-    own = own_covariance(found.shooting, found.solution, scale)
-    known = known._replace(covariance=evidence.with_doubts(own, moved, checks))
-    shown = max(_noise(found.shooting, noise), _ROUNDING * least / _LEAST_NOISE)
-    result = _result(measured, found, found.chi * noise / shown, checks, known)
-    return result._replace(remarks=[*remarks, *result.remarks])
-
-
-def _check_fall(found: Revised) -> None:
-    """Raise `UnfitRecordError` if restitution falls by more than its exponent lets it."""
-    shooting, u = found.shooting, found.solution.unknowns
-    slowness = shooting.unknowns.value(found.course.shared, 'slowness')
-    if slowness * float(shooting.speeds(u).max()) > _STEEPEST:
-        raise UnfitRecordError('restitution at rest is without bound')
-
-
-def _check_flights(found: Revised) -> None:
-    """Raise `UnfitRecordError` if no flight is left."""
-    if not found.course.flies.any():
-        raise UnfitRecordError(f'no flight obeys the laws of the damper: {WRONG_RIG}')
-
-
-def _fall(checks: list[Candidate], unknowns: Unknowns) -> Candidate | None:
-    """Return the check that R falls with the speed, if it explains the record best."""
-    first = checks[0] if checks else None
-    falls = first is not None and first.name == OVER_SPEED and first.z < -_FALL
-    return first if falls and unknowns.rig.restitution_exponent > 0.0 else None
-
-
-def _noise(shooting: Shooting, otherwise: float) -> float:
-    """Return the noise between impacts, from fourth differences of the residuals."""
-    motion, counts = shooting.motion(shooting.start())
-    residuals = np.where(counts, shooting.record.motion - motion, np.nan)
-    found = noise_between(residuals, shooting.record.time, shooting.course.time)
-    return found if found > 0.0 else otherwise
-
-
 def _refusal(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
     """Return the result without a fit, with the reasons."""
     nothing = np.full(len(measured.time), np.nan)
@@ -501,37 +360,26 @@ def _refusal(measured: MeasuredMotion, reasons: list[str]) -> RigFit:
     )
 
 
-def _scale(measured: MeasuredMotion, found: Revised) -> float:
-    """Return the deviation of the residuals over that of the noise, at least of rounding."""
-    swing = float(np.std(measured.motion[measured.used]))
-    return max(found.chi, _ROUNDING * swing / found.shooting.deviation)
-
-
-def _result(
-    measured: MeasuredMotion,
-    found: Revised,
-    chi: float,
-    checks: list[Candidate],
-    known: Knowledge,
-) -> RigFit:
-    shooting, solution = found.shooting, found.solution
-    unknowns, u = shooting.unknowns, solution.unknowns
-    shared, _ = shooting.parts(u)
-    scale = _scale(measured, found)
+def _result(measured: MeasuredMotion, fit: RecordFit) -> RigFit:
+    """Return the result of a fit, judged by the rule of acceptance."""
+    found, known, checks = fit.found, fit.known, fit.checks
+    shooting, u = found.shooting, found.solution.unknowns
+    unknowns, shared = shooting.unknowns, shooting.parts(u)[0]
     parameters, correlations = estimates_of(unknowns, shared, known.covariance, known.names)
-    judgement = judge_fit(found, chi, checks, parameters, correlations)
+    judgement = judge_fit(found, fit.chi, checks, parameters, correlations)
     motion, counts = shooting.motion(u)
     residuals = np.where(counts, measured.motion - motion, np.nan)
     used = residuals[counts]
     signal = np.asarray(measured.motion)[counts]
     size = float(np.linalg.norm(signal - signal.mean()))
+    scale = fit.scale_of(found)
     return RigFit(
         accepted=judgement.accepted,
         reasons=judgement.reasons,
-        remarks=judgement.remarks,
+        remarks=[*fit.remarks, *judgement.remarks],
         parameters=parameters,
         correlations=correlations,
-        chi_squared=chi * chi,
+        chi_squared=fit.chi**2,
         fit_percent=100.0 * (1.0 - float(np.linalg.norm(used)) / size) if size else 0.0,
         whiteness=_whiteness(used) if scale == found.chi else math.nan,
         deviation=shooting.deviation * scale,

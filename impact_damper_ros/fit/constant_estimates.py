@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Constants by the record and the file together, and the uncertainty that they leave."""
+"""What is known of the constants by the record and the file together: value and deviation."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .vibration import Array
 _SMALL = 0.05
 
 
-class Knowledge(NamedTuple):
+class ConstantEstimates(NamedTuple):
     """
-    Constants by the record and the file together, one step from a solution.
+    Values and covariance of the uncertain constants, one step from a solution.
 
     Attributes
     ----------
@@ -50,8 +50,8 @@ class Knowledge(NamedTuple):
     unknowns: Array
 
     @classmethod
-    def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> Knowledge:
-        """Return the knowledge for constants that were changed by parts since the file."""
+    def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> ConstantEstimates:
+        """Return the estimates for constants that were changed by parts since the file."""
         shooting, solution = found.shooting, found.solution
         own = own_covariance(shooting, solution, scale)
         evidence = Evidence.of(shooting, solution, scale, laws=False)
