@@ -108,7 +108,7 @@ class RecordFit:
         """
         course = relax(course, self._problem, timed=len(self._times) > 0)
         self._noise = max(self._noise_left(self._problem(course)), _LEAST_NOISE * self._swing)
-        self.found = self._revised(course)
+        self.found = self._revise(course)
         # Weights of data and of impact times by the noise of the residuals
         self._noise = max(self._noise * self.found.chi, self._rounding)
         self.found = self.found.solve(self._problem)
@@ -148,7 +148,7 @@ class RecordFit:
         found = noise_between(residuals, shooting.record.time, shooting.course.time)
         return found if found > 0.0 else self._noise
 
-    def _revised(self, course: Course) -> Revised:
+    def _revise(self, course: Course) -> Revised:
         """Return a course as the engine computes it, without rejected flights."""
         found = revise(course, self._problem).without_rejected(self._problem)
         _check_flights(found)
@@ -188,7 +188,7 @@ class RecordFit:
         if (fall := self._fall()) is not None:
             self._add_fall(fall)
         elif few and changed:
-            self.found = self._revised(self.found.course)
+            self.found = self._revise(self.found.course)
             self._fit_constants()
         if self.unknowns.value(self.found.course.shared, 'slowness') < 0.0:
             # No rig has a restitution that grows with the speed.
