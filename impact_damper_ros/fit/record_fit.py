@@ -154,12 +154,12 @@ class RecordFit:
         _check_flights(found)
         return found
 
-    def _known(self) -> ConstantEstimates:
+    def _estimate_constants(self) -> ConstantEstimates:
         return ConstantEstimates.of(self.found, self._scale, self.moved)
 
     def _fit_constants(self) -> None:
         """Fit the constants by record and file, and leave out flights rejected with them."""
-        self.known = self._known()
+        self.known = self._estimate_constants()
         for _ in range(_MOST_CONSTANTS):
             if not self.known.moves or 2 * self.found.obey < len(self.found.course.flies):
                 break
@@ -168,12 +168,12 @@ class RecordFit:
             self.unknowns = self.unknowns._replace(rig=self.known.rig)
             course = self.found.shooting.course_of(self.known.unknowns)
             self.found = self.found.solve(self._problem, course)
-            self.known = self._known()
+            self.known = self._estimate_constants()
         flights = int(self.found.course.flies.sum())
         self.found = self.found.without_rejected(self._problem)
         _check_flights(self.found)
         if self.found.course.flies.sum() < flights:
-            self.known = self._known()
+            self.known = self._estimate_constants()
 
     def _examine(self) -> Evidence:
         """Return the evidence for further parameters, and check these."""
@@ -197,7 +197,7 @@ class RecordFit:
             course.shared = course.shared[:-1]
             solved = self.found.solve(self._problem, course)
             self.found = solved.without_rejected(self._problem)
-            self.known = self._known()
+            self.known = self._estimate_constants()
             self.remarks = ['restitution does not fall with the speed of impact in this record']
 
     def _fall(self) -> Candidate | None:
