@@ -20,9 +20,9 @@ from .revision import Revised
 
 #: Largest root of chi squared, with the noise from fourth differences.
 MOST_CHI = 1.1
-#: Least number of flights that no verdict rejects, their least part of those that are not unclear,
-#: and of all.
-LEAST_FLIGHTS, LEAST_USED, LEAST_OF_ALL = 10, 0.7, 0.5
+#: Least number of flights that count, and their least part of those that show whether the model is
+#: right; least part of all flights that no verdict rejects.
+LEAST_FLIGHTS, LEAST_USED, LEAST_OF_ALL = 10, 0.75, 0.5
 #: Correlations beyond this are reported.
 CORRELATED = 0.9
 #: A standard deviation beyond this part of the value is poor.
@@ -54,6 +54,8 @@ def judge_fit(
     ]
     course = revised.course
     flights, used = len(course) - 1, int(course.flies.sum())
+    # A flight that none confirms fits with many laws, and says as little as an unclear one.
+    tested = flights - revised.unclear - revised.unconfirmed
     if used < LEAST_FLIGHTS:
         reasons.append(
             f'{used} of {flights} flights between impacts obey the laws of the damper, and a fit '
@@ -64,11 +66,13 @@ def judge_fit(
                 else f'record more impacts ({LEAST_IMPACTS} are the least that is tried)'
             )
         )
-    elif revised.obey < max(LEAST_USED * (flights - revised.unclear), LEAST_OF_ALL * flights):
+    elif used < LEAST_USED * tested or revised.obey < LEAST_OF_ALL * flights:
+        few, of = (used, tested) if used < LEAST_USED * tested else (revised.obey, flights)
         reasons.append(
-            f'only {revised.obey} of {flights} flights obey one set of parameters'
-            f'{_where(revised)}: impacts closer than the samples, or two rigs in one record; '
-            f'record at a higher rate, or with impact times; else {WRONG_RIG}'
+            f'only {few} of {of} flights obey one set of parameters{_where(revised)}: impacts '
+            'missed, since they are weak or closer than the samples, or two rigs in one record; '
+            'record impact times or less noise, or at a higher rate, or shake harder; else '
+            f'{WRONG_RIG}'
         )
     if chi > MOST_CHI:
         reasons.append(

@@ -95,7 +95,12 @@ class Revised(NamedTuple):
 
         They count in the fit, or would if a neighbour confirmed them (`UNCONFIRMED`).
         """
-        return int(self.course.flies.sum()) + self._left_out(UNCONFIRMED)
+        return int(self.course.flies.sum()) + self.unconfirmed
+
+    @property
+    def unconfirmed(self) -> int:
+        """Number of flights that are left out only since no other one confirms them."""
+        return self._left_out(UNCONFIRMED)
 
     def _left_out(self, *whys: str) -> int:
         """Return the number of flights that are left out for one of some reasons of `why_cut`."""

@@ -314,13 +314,17 @@ CHECK = Candidate('force amplitude', 0.1, 0.02, '', 'the force is not as large a
     ('used', 'flights', 'changes', 'words'),
     [
         (93, 100, {}, []),
-        (70, 100, {}, []),
-        (69, 100, {}, ['only 69 of 100 flights obey']),
+        (75, 100, {}, []),
+        (74, 100, {}, ['only 74 of 100 flights obey']),
         # What sticks contradicts nothing, but half of the flights must count
         (69, 100, {'why': dict.fromkeys(range(80, 101), STICKS)}, []),
         (49, 100, {'why': dict.fromkeys(range(50, 101), STICKS)}, ['only 49 of 100 flights obey']),
-        # Nor does what nothing confirms
+        # What nothing confirms is neither right nor wrong: 21 of the 40 here
         (60, 100, {'why': dict.fromkeys(range(80, 101), UNCONFIRMED)}, []),
+        (
+            *(55, 100, {'why': dict.fromkeys(range(80, 101), UNCONFIRMED)}),
+            ['only 55 of 79 flights obey'],
+        ),
         (9, 9, {}, ['9 of 9 flights between impacts obey']),
         (93, 100, {'chi': 1.09}, []),
         (93, 100, {'chi': 1.12}, ['the residuals are 1.12 times as large']),
