@@ -29,6 +29,7 @@ from impact_damper_ros.orbits import (
     periodic_problem,
     search,
     solved_orbits,
+    tasks,
     viability,
 )
 from impact_damper_ros.page import knobs, motion, numbers, presets
@@ -84,10 +85,9 @@ ROOTS: dict[str, Any] = {
 #: What theory in the page is put together from.
 THEORY = {
     arclength: (
-        *('compute', 'FOLD', 'DOUBLING', 'TORUS', 'BRANCHING', 'VIABLE', 'X_MAX', 'MAP', 'SIZE'),
-        *('KIND', 'COORDINATES', 'SPARE', 'ENOUGH', 'LEAST_STEP', 'LOW_END', 'HIGH_END', 'LOST'),
-        *('NOT_VIABLE', 'SOLVE', 'CORRECT', 'GO_ON', 'LOCATE', 'FIND_STARTS', 'ORDINARY'),
-        *('BETWEEN', 'BEYOND', 'CONVERGED', 'RESIDUAL'),
+        *('FOLD', 'DOUBLING', 'TORUS', 'BRANCHING', 'VIABLE', 'X_MAX', 'MAP', 'SIZE', 'KIND'),
+        *('COORDINATES', 'SPARE', 'ENOUGH', 'LEAST_STEP', 'LOW_END', 'HIGH_END', 'LOST'),
+        *('NOT_VIABLE', 'ORDINARY', 'BETWEEN', 'BEYOND', 'CONVERGED', 'RESIDUAL'),
     ),
     arguments: ('period_of_force',),
     closed_flights: (
@@ -101,11 +101,12 @@ THEORY = {
         *('Moving', 'RigConstants', 'Run', 'Wave', 'NUMBERS', 'FIRST_LINE', 'GAP', 'STICK'),
         *('REST_1', 'REST_2', 'CHATTER_1', 'SLIDE_DOWN', 'SLIDE_UP'),
     ),
-    newton: ('NEWTON_STEPS',),
+    newton: ('LEAST_RESIDUAL', 'NEWTON_STEPS', 'RESIDUAL_TOLERANCE'),
     orbit_module: ('PeriodicOrbit', 'Rhythm', 'NEUTRAL'),
     periodic_problem: ('Node', 'impact_nodes', '_counting', '_upwards'),
     search: ('counted_as', 'within_theory'),
     solved_orbits: ('after_impact', 'counted_from_zero', 'orbit_of'),
+    tasks: ('compute', 'SOLVE', 'CORRECT', 'GO_ON', 'LOCATE', 'FIND_ROOTS'),
     viability: ('_fault_at', 'FAULT', 'RIGHT'),
 }
 ROOTS |= {name: getattr(module, name) for module, names in THEORY.items() for name in names}

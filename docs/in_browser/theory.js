@@ -18,8 +18,6 @@ const GROWS = 1.001;
 const NEAR = 1e-2;
 const SAME = 1e-6;
 const MOST_LOOKS = 3;
-const LEAST_RESIDUAL = 4e-16;
-const RESIDUAL_TOLERANCE = 1e-12;
 /** Steps of a branch, the factor to the ends of its range, and how it is followed beyond an end. */
 const LARGEST_STEP = 0.05;
 const FIRST_STEP = 0.1 * LARGEST_STEP;
@@ -348,29 +346,20 @@ function* orbitsOfTheory(parameters, cycles) {
   const { constants } = machine_of(parameters);
   const problem = new PeriodicProblem(parameters, impact_nodes(stops), cycles);
   if (parameters.harmonics[0].length > 1 || (parameters.one_sided && constants.grip > 0)) return;
-  const places = [];
+  const size = 4 * stops.length;
   const scan = (first, end, points) => {
     for (let room = ROWS_OF_TRACE; ;) {
-      const rows = rowsOf(room + 1, problem.width);
+      const rows = rowsOf(room + 1, 2 * size + 1);
       last(rows)[0] = points;
-      const [, count] = problem.compute(FIND_STARTS, true, first, end, rows);
-      if (count <= room) { places.push(...rows.slice(0, count).map((row) => row.slice(0, -1))); return; }
+      const [, count] = problem.compute(FIND_ROOTS, true, first, end, rows);
+      if (count <= room) return rows.slice(0, count).map((row) => row.slice(0, size));
       room = count;
     }
   };
-  if (stops.length === 1) scan(0, 0, 0);
-  else {
-    if (cycles % 2 && constants.restitution_1 === constants.restitution_2 && constants.slope === 0) scan(0, -1, 0);
-    const points = Math.min(1e5, Math.ceil(POINTS_PER_CYCLE * cycles * Math.max(1, parameters.omega / parameters.first_harmonic[1])));
-    scan(0, points + 24, points);
-  }
-  for (const place of places) {
-    const solution = problem.solveFrom(place);
-    if (!solution) continue;
-    const before = solution.before.tolist();
-    const scale = Math.max(problem.length * problem.parameters.first_harmonic[1], ...before.map(([, speed]) => Math.abs(speed)));
-    if (!(Math.min(...before.map(([, , , speed]) => Math.abs(speed))) > 1e-7 * scale)) continue;
-    const orbit = orbitOf(solution);
+  const points = Math.min(1e5, Math.ceil(POINTS_PER_CYCLE * cycles * Math.max(1, parameters.omega / parameters.first_harmonic[1])));
+  const symmetric = stops.length > 1 && cycles % 2 && constants.restitution_1 === constants.restitution_2 && constants.slope === 0;
+  for (const place of [...(symmetric ? scan(0, -1, 0) : []), ...scan(0, points + 24, points)]) {
+    const orbit = orbitOf(problem.solveFrom(place));
     if (!orbit.repeats(1e-7)) yield orbit;
   }
 }

@@ -28,19 +28,15 @@ from .closed_flights import (
     MARKS,
     NORMAL,
     PLACE,
-    RIG,
     SIDE,
     TANGENT,
     UNITS,
     Problem,
     coordinates,
-    set_rig,
     vary,
 )
-from .impact_equations import set_coefficients, write_linear_system, write_velocities
 from .monodromy import write_monodromy
 from .newton import newton, write_tangent
-from .start_scan import find_starts
 from .viability import judge
 
 #: Notes of a solution: its residual, relative to the displacements; the number of free coordinates
@@ -65,8 +61,6 @@ _MOST_LOOKS = 100
 #: Reasons for the end of steps: no more room, the ends of the range, no motion nearby, and a
 #: motion that the rig cannot perform.
 ROOM, LOW_END, HIGH_END, LOST, NOT_VIABLE = range(5)
-#: Tasks of `compute`.
-SOLVE, CORRECT, GO_ON, LOCATE, FIND_STARTS, LINEAR_SYSTEM = range(6)
 
 
 @kernel
@@ -424,35 +418,3 @@ def step_along(
             break
     trace[last, 0] = step
     return ended, row
-
-
-@kernel
-def compute(
-    problem: Problem, trace: Any, task: int, in_order: bool, one: float, other: float
-) -> tuple[int, int]:
-    """
-    Carry out a task of Python, with all constants of the rig set anew.
-
-    `SOLVE` and `CORRECT` take the residual that is enough, and the largest one, and return whether
-    there is a solution. `GO_ON` takes a range, and returns why the steps end, and the last row.
-    `LOCATE` adds the special points between the first two rows, and returns the last row.
-    `FIND_STARTS` writes the starts in a part of a scan, and returns their number. `LINEAR_SYSTEM`
-    writes the linear equations of the instants at the place, or the velocities there.
-    """
-    set_rig(problem.moving.constants, problem.moving.lines, problem.sheet[RIG])
-    if task == GO_ON:
-        return step_along(problem, trace, in_order, one, other)
-    if task == LOCATE:
-        return 0, add_special_points(problem, trace, 0, in_order)
-    if task == FIND_STARTS:
-        return 0, find_starts(problem, trace, int(one), int(other))
-    if task == LINEAR_SYSTEM:
-        set_coefficients(problem)
-        if one > 0.0:
-            write_velocities(problem)
-        else:
-            write_linear_system(problem)
-        return 0, 0
-    if task == CORRECT:
-        return 1 if correct(problem, in_order, one) else 0, 0
-    return 1 if solve_fixed(problem, one, other) else 0, 0

@@ -41,8 +41,9 @@ from .closed_flights import (
 
 #: Most steps of Newton's method.
 NEWTON_STEPS = 40
-#: Largest residual of a solution; just beyond a fold the least residual is not zero.
-RESIDUAL_TOLERANCE = 1e-12
+#: A residual that is as small as round-off allows, and the largest one of a solution; just beyond
+#: a fold the least residual is not zero.
+LEAST_RESIDUAL, RESIDUAL_TOLERANCE = 4e-16, 1e-12
 #: A residual that may fail to fall by round-off only.
 _SETTLED = 1e-13
 #: Least share of a duration that a step leaves.

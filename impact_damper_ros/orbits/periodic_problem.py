@@ -39,11 +39,9 @@ from .arclength import (
     MAP,
     RESIDUAL,
     SIZE,
-    SOLVE,
     SPARE,
     VIABLE,
     X_MAX,
-    compute,
 )
 from .closed_flights import (
     BASE_ORDER,
@@ -65,12 +63,11 @@ from .closed_flights import (
     Problem,
 )
 from .multipliers import multipliers_of
-from .newton import NEWTON_STEPS, RESIDUAL_TOLERANCE
+from .newton import LEAST_RESIDUAL, NEWTON_STEPS, RESIDUAL_TOLERANCE
+from .tasks import SOLVE, compute
 from .viability import why_not_viable
 
 Array = NDArray[np.float64]
-#: A residual that is as small as round-off allows.
-_LEAST_RESIDUAL = 4e-16
 
 
 class Node(NamedTuple):
@@ -271,7 +268,7 @@ class PeriodicProblem:
     def compute(
         self, task: int, in_order: bool, one: float, other: float, trace: Array = _NO_TRACE
     ) -> tuple[int, int]:
-        """Let the kernels compute, as `arclength.compute`."""
+        """Let the kernels compute, as `tasks.compute`."""
         answer: tuple[int, int] = call_kernel(
             *(compute, self.arrays, trace, task, in_order, float(one), float(other)),
             what='periodic solver',
@@ -314,7 +311,7 @@ class PeriodicProblem:
     def solve_from(self, place: Array) -> Solution | None:
         """Return the solution to which Newton's method converges from a place, or None."""
         self.place[:-1] = place
-        if not self.compute(SOLVE, True, _LEAST_RESIDUAL, RESIDUAL_TOLERANCE)[0]:
+        if not self.compute(SOLVE, True, LEAST_RESIDUAL, RESIDUAL_TOLERANCE)[0]:
             return None
         return self.solution(self.parameters)
 

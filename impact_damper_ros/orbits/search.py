@@ -39,9 +39,8 @@ from .arguments import (
 )
 from .flights import Machine, machine_of
 from .orbit import AT_IMPACTS, PeriodicOrbit
-from .periodic_problem import Solution
 from .solved_orbits import after_impact, guess_along, orbit_at, orbit_of, solve_orbit
-from .starts import ImpactEquations, few_impact_roots, many_impact_roots
+from .starts import ImpactEquations, impact_roots
 
 #: Motions closer than this, relative to their size, are one.
 SAME = 1e-7
@@ -147,13 +146,6 @@ class OrbitSearch:
         return iter(self.orbits)
 
 
-def _hits(solution: Solution) -> bool:
-    """Return whether all impacts have a speed; motion without impacts solves the equations too."""
-    before = np.abs(solution.before)
-    scale = max(solution.problem.length * math.tau / solution.cycle, float(before[:, 1].max()))
-    return bool(before[:, 3].min() > SAME * scale)
-
-
 def counted_as(orbit: PeriodicOrbit, stops: tuple[int, ...]) -> PeriodicOrbit | None:
     """
     Return a motion with its impacts in the order of the given stops; None if it has other stops.
@@ -206,18 +198,17 @@ def _theory(
     stops: tuple[int, ...],
     cycles: int,
     starts: int | None,
+    *,
+    viable: bool = False,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
-    """Solve from all starts, or many, that the impact equations give."""
-    report = StartReport(complete=is_scanned(machine_of(parameters), stops))
+    """Solve from all starts, or many, of the impact equations; maybe viable motions only."""
+    complete, count = is_scanned(machine_of(parameters), stops), None
     equations = ImpactEquations(parameters, stops, cycles)
-    if equations.impacts <= 2:
-        roots = few_impact_roots(equations)
-    else:
-        if starts is None:
-            starts = STARTS_PER_INSTANT * (equations.impacts - 1)
-        roots, converged = many_impact_roots(equations, starts)
-        report = StartReport(complete=False, starts=starts, converged=converged)
-    return _distinct((orbit_of(root) for root in roots if _hits(root)), stops), report
+    if equations.impacts > 2:
+        complete = False
+        count = STARTS_PER_INSTANT * (equations.impacts - 1) if starts is None else starts
+    roots, converged = impact_roots(equations, count, viable=viable)
+    return _distinct(map(orbit_of, roots), stops), StartReport(complete, count or 0, converged)
 
 
 def starting_rigs(parameters: RigParameters) -> Iterator[Rig]:
@@ -406,7 +397,9 @@ def _simpler_orbits(
             continue
         if len(set(word)) == 1 and not pressed_to(machine, word[0]):
             continue
-        for orbit in filter(attrgetter('viable'), _theory(simple, word, k, starts)[0]):
+        for orbit in filter(
+            attrgetter('viable'), _theory(simple, word, k, starts, viable=True)[0]
+        ):
             for first in range(1 if single else k):
                 phases = (first + k * i + phase for i in range(times) for phase in orbit.phases)
                 columns = {name: getattr(orbit, name) * times for name in ('stops', *AT_IMPACTS)}

@@ -24,14 +24,11 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from .arclength import (
     BRANCHING,
     COORDINATES,
-    CORRECT,
     DOUBLING,
     ENOUGH,
     FOLD,
-    GO_ON,
     KIND,
     LEAST_STEP,
-    LOCATE,
     LOCATED,
     LOST,
     MAP,
@@ -60,6 +57,7 @@ from .periodic_problem import PeriodicProblem, Solution, multipliers_of_map, par
 from .response import Array
 from .search import within_theory
 from .solved_orbits import Guess, guess_on, orbit_of
+from .tasks import CORRECT, GO_ON, LOCATE
 from .varied_parameter import BOTH_RESTITUTIONS, Steps
 
 #: Rows of a trace: few enough steps for Ctrl-C.

@@ -33,7 +33,6 @@ from .closed_flights import (
     matrix_row,
 )
 from .impact_equations import HALF_TURN, set_coefficients, write_linear_system, write_velocities
-from .variable_projection import approach_roots
 
 #: A smaller W, relative to the vector, counts as zero.
 _VANISHING = 1e-12
@@ -336,12 +335,9 @@ def find_starts(problem: Problem, starts: Any, first: int, end: int) -> int:
     Write starts into rows; return the number of starts, also if there are fewer rows.
 
     For one impact these are all starts; for two they are those in a part of a scan, whose number
-    of points is in the last row. For more impacts the starts at given instants are brought closer
-    to roots.
+    of points is in the last row, or those of a symmetric motion, if the part ends before 0.
     """
     set_coefficients(problem)
-    if len(problem.nodes) > 2:
-        return approach_roots(problem, starts)
     if len(problem.nodes) == 1:
         return add_starts_of_one(problem, starts)
     if end < 0:

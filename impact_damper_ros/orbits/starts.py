@@ -4,19 +4,19 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from impact_damper_ros.motion.kernels import on_threads
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .arclength import FIND_STARTS, LINEAR_SYSTEM
 from .arguments import OrbitError, check_forcing, check_stops
 from .closed_flights import BEST_DERIVATIVE
 from .flights import machine_of
 from .periodic_problem import PeriodicProblem, Solution, impact_nodes
 from .response import Array
-from .variable_projection import REACHED
+from .tasks import FIND_ROOTS, LINEAR_SYSTEM
 
 
 class ImpactEquations:
@@ -99,18 +99,6 @@ class ImpactEquations:
         return np.stack([x, speed * place[:, 1], 0.0 * x, speed * place[:, 2]], axis=-1)
 
 
-def _find(equations: ImpactEquations, first: int, end: int, points: int = 0) -> Array:
-    """Return the starts of a part of the scan, as places."""
-    problem, room = equations.problem, _ROOM
-    while True:
-        rows = np.zeros((room + 1, len(problem.place)))
-        rows[-1, 0] = points
-        _, count = problem.compute(FIND_STARTS, True, first, end, rows)
-        if count <= room:
-            return rows[:count, :-1]
-        room = count
-
-
 #: Step of R from one rig with constant R to the next.
 _STEP = 0.05
 
@@ -136,13 +124,6 @@ def _with_constant_restitution(equations: ImpactEquations) -> list[ImpactEquatio
     ]
 
 
-def _solve(equations: ImpactEquations, starts: Array) -> list[Solution]:
-    """Return the solutions to which Newton's method converges from places."""
-    solutions = (equations.problem.solve_from(start) for start in starts)
-    return [solution for solution in solutions if solution is not None]
-
-
-_ROOM = 64
 _POINTS_PER_CYCLE = 400
 _MOST_POINTS = 100_000
 #: Places of a scan that are computed at once: few enough for Ctrl-C.
@@ -157,38 +138,35 @@ def _is_symmetric(equations: ImpactEquations) -> bool:
     return constants.restitution_1 == constants.restitution_2 and constants.slope == 0.0
 
 
-def few_impact_roots(equations: ImpactEquations) -> list[Solution]:
-    """
-    Find all motions with one or two impacts in a period.
+class _Part(NamedTuple):
+    """Some of the starts: places of a scan, or numbers of instants if the scan has no points."""
 
-    For two impacts the condition of the equations is scanned over the whole period. Every
-    candidate is a start of Newton's method. Where R falls with the speed, the scans are of rigs
-    with constant R.
-    """
-    rigs = _with_constant_restitution(equations)
-    return _solve(equations, np.concatenate([_starts_of(one) for one in rigs]))
+    equations: ImpactEquations
+    first: int
+    end: int
+    points: int = 0
 
 
-def _starts_of(equations: ImpactEquations) -> Array:
-    """Return all starts with one or two impacts in a period, of a constant R."""
+def _scan_parts(equations: ImpactEquations) -> list[_Part]:
+    """Return the parts of a scan for all motions with one or two impacts, of a constant R."""
     if equations.impacts == 1:
-        return _find(equations, 0, 0)
+        return [_Part(equations, 0, 1, 1)]
     ratio = max(1.0, equations.parameters.omega / equations.frequency)
     points = min(_MOST_POINTS, math.ceil(_POINTS_PER_CYCLE * equations.cycles * ratio))
     end = points + 24
-    starts = [_find(equations, 0, -1)] if _is_symmetric(equations) else []
-    starts += [
-        _find(equations, first, min(first + _PART + 2, end), points)
-        for first in range(0, end - 2, _PART)
-    ]
-    return np.concatenate(starts)
+    ends = {first: min(first + _PART + 2, end) for first in range(0, end - 2, _PART)}
+    parts = [_Part(equations, first, last, points) for first, last in ends.items()]
+    return [_Part(equations, 0, -1, points), *parts] if _is_symmetric(equations) else parts
 
 
-_CLOSE = 1e-6
 #: Starts that are computed at once, times the cube of the unknowns: short enough for Ctrl-C.
 _MOST_AT_ONCE = 2_000_000
 #: Least number of parts for threads.
-_PARTS = 8
+_PARTS = 4
+#: First number of rows for the roots of a part of a scan.
+_ROOM = 64
+#: Roots that differ by less, relative to the period and to the displacements, are solved once.
+_SAME = 1e-6
 
 
 def _instants(equations: ImpactEquations, numbers: range) -> Array:
@@ -215,33 +193,76 @@ def _instants(equations: ImpactEquations, numbers: range) -> Array:
     return instants
 
 
-def many_impact_roots(equations: ImpactEquations, starts: int) -> tuple[list[Solution], int]:
-    """Find motions of one stop sequence from systematic starts; return also how many converged."""
-    if not starts:
-        return [], 0
-    size = len(equations.problem.place) - 1
-    rows = np.zeros((starts, size + 1))
-    rows[:, 3:-1:4] = equations.frequency * _instants(equations, range(starts))
+def _find(part: _Part) -> tuple[Array, int]:
+    """Return the rows of `root_search` for a part, and how many of its starts converged."""
+    like = part.equations
+    # Each thread has its problem.
+    problem = PeriodicProblem(like.parameters, like.problem.nodes, like.cycles)
+    width = 8 * like.impacts + 1
+    if not part.points:
+        rows = np.zeros((part.end - part.first, width))
+        instants = _instants(like, range(part.first, part.end))
+        rows[:, 3 : 4 * like.impacts : 4] = like.frequency * instants
+        converged, count = problem.compute(FIND_ROOTS, True, 0.0, 0.0, rows)
+        return rows[:count], converged
+    count, room = _ROOM, 0
+    while count > room:
+        room = count
+        rows = np.zeros((room + 1, width))
+        rows[-1, 0] = part.points
+        _, count = problem.compute(FIND_ROOTS, True, part.first, part.end, rows)
+    return rows[:count], 0
+
+
+def impact_roots(
+    equations: ImpactEquations, starts: int | None = None, *, viable: bool = False
+) -> tuple[list[Solution], int]:
+    """
+    Find motions of one stop sequence, also those that the rig cannot perform.
+
+    Parameters
+    ----------
+    equations : ImpactEquations
+        The equations. Where R falls with the speed, starts are motions of rigs with constant R.
+    starts : int, optional
+        Number of systematic starts; if not given, the equations of one or two impacts are
+        scanned, and all their motions are found.
+    viable : bool, optional
+        Whether motions that a rig with constant R cannot perform are left out.
+
+    Returns
+    -------
+    roots, converged : list of Solution, int
+        The motions, and how many of the systematic starts converged.
+    """
     rigs = _with_constant_restitution(equations)
-    share = min(max(1, _MOST_AT_ONCE // size**3), math.ceil(starts / len(rigs)))
-    at_once = min(share, math.ceil(starts / _PARTS))
+    if starts is None:
+        parts = [part for rig in rigs for part in _scan_parts(rig)]
+    else:
+        most = max(1, _MOST_AT_ONCE // (4 * equations.impacts) ** 3)
+        share = max(1, min(most, math.ceil(starts / len(rigs)), math.ceil(starts / _PARTS)))
+        firsts = range(0, starts, share)
+        parts = [
+            _Part(rigs[k % len(rigs)], first, min(first + share, starts))
+            for k, first in enumerate(firsts)
+        ]
+    size = 4 * equations.impacts
+    none = np.zeros((0, 2 * size + 1))
+    found = [(none, 0)] * len(parts)
 
-    def approach(first: int) -> None:
-        like = rigs[first // share % len(rigs)]
-        # Each thread has its problem.
-        own = ImpactEquations(like.parameters, like.stops, like.cycles)
-        own.problem.compute(FIND_STARTS, True, 0.0, 0.0, rows[first : first + at_once])
+    def find(number: int) -> None:
+        found[number] = _find(parts[number])
 
-    on_threads(approach, range(0, starts, at_once))
-    unknowns, residuals = rows[:, :size], rows[:, size]
-    # Of the starts that came to the same place one is polished.
-    keys: dict[tuple[int, ...], int] = {}
-    places = unknowns.reshape(starts, -1, 4)
-    phases = places[..., 3] / math.tau
+    on_threads(find, range(len(parts)))
+    rows = np.concatenate([none, *(part for part, _ in found)])
+    if viable and len(rigs) == 1:
+        rows = rows[rows[:, -1] > 0.0]
+    # Of the roots that several parts found one is solved.
+    roots = rows[:, size:-1].reshape(-1, equations.impacts, 4)
+    phases = roots[..., 3] / math.tau
     phases -= np.floor(phases[:, :1])
-    close = (residuals < _CLOSE) & np.isfinite(unknowns).all(axis=-1)
-    for s in np.flatnonzero(close):
-        place = np.concatenate([phases[s], places[s, :, 0]])
-        keys.setdefault(tuple(np.round(place * 1e5).astype(int)), int(s))
-    solutions = _solve(equations, unknowns[list(keys.values())])
-    return solutions, int((residuals <= REACHED).sum())
+    keys = np.round(np.concatenate([phases, roots[..., 0]], axis=1) / _SAME)
+    _, first = np.unique(keys, axis=0, return_index=True)
+    solutions = (equations.problem.solve_from(rows[k, :size]) for k in sorted(first))
+    kept = [solution for solution in solutions if solution is not None]
+    return kept, sum(converged for _, converged in found)

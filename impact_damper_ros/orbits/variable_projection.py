@@ -53,6 +53,7 @@ from .impact_equations import (
     add_flight,
     begin_system,
     damper_velocities,
+    set_coefficients,
     share_of_leaving,
     velocity_after,
     write_velocities,
@@ -267,6 +268,7 @@ def approach_roots(problem: Problem, starts: Any) -> int:
     """Bring starts of given instants close to roots; the residual is the last entry of a row."""
     sheet = problem.sheet
     count = coordinates(problem) - 1
+    set_coefficients(problem)
     for s in range(len(starts)):
         for i in range(count):
             sheet[PLACE, i] = starts[s, i]

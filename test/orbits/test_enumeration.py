@@ -7,7 +7,7 @@ from rigs import INCLINED
 from impact_damper_ros import ImpactEquations, RigParameters, find_orbits
 from impact_damper_ros.orbits import starts
 from impact_damper_ros.orbits.solved_orbits import after_impact, orbit_of
-from impact_damper_ros.orbits.starts import many_impact_roots
+from impact_damper_ros.orbits.starts import impact_roots
 
 
 def random_rig(rng):
@@ -28,7 +28,7 @@ def random_rig(rng):
 
 def brute_force(equations, starts):
     """Return the motions that Newton's method finds from very many starts."""
-    roots, _ = many_impact_roots(equations, starts)
+    roots, _ = impact_roots(equations, starts)
     return [orbit_of(root) for root in roots]
 
 
