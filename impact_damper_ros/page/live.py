@@ -35,7 +35,7 @@ from .numbers import numbers_of
 from .presets import change_between, preset_with
 from .requests import RequestError
 from .source import Source
-from .structure import FieldError, design_of, note_on, rig_settings_of, structure_of
+from .structure import FieldError, command_of, design_of, note_on, rig_settings_of, structure_of
 
 if TYPE_CHECKING:
     from .ros_client import RigLink
@@ -443,12 +443,8 @@ class LiveRig(Source):
             return {'ok': False, 'reason': str(error), 'field': error.field}
         note = note_on(rig, self.values.get('state_rate', math.inf))
         values = as_json(rig_settings_of(rig, answer['gap']))
-        return {
-            'ok': True,
-            'reason': '',
-            'values': values,
-            'design': {**as_json(answer), 'note': note},
-        }
+        words = {'note': note, 'command': command_of(typed, rig)}
+        return {'ok': True, 'reason': '', 'values': values, 'design': {**as_json(answer), **words}}
 
 
 def _level(reports: Iterable[DiagnosticStatus]) -> str:

@@ -106,6 +106,23 @@ def structure_of(typed: Mapping[str, Any]) -> RigParameters:
         raise FieldError('size', str(error)) from None
 
 
+def command_of(typed: Mapping[str, Any], rig: RigParameters) -> str:
+    """Return the command that designs the damper of a rig from `structure_of`."""
+
+    def text(field: str, unit: str) -> str:
+        plain = ''.join(str(typed[field]).split()).replace(',', '.')
+        return plain + unit if _is_bare(plain) else plain
+
+    if any(rig.base_amplitudes):
+        shaken = f'--base {text("size", _SIZES[typed["shaken"]][1])}'
+    else:
+        shaken = f'--force {rig.force_amplitudes[0]:.4g}'
+    options = ('mass', 'frequency', 'damping-ratio', 'mass-ratio', 'restitution')
+    fields = zip(options, _FIELDS.items(), strict=True)
+    given = (f'--{option} {text(field, unit)}' for option, (field, (_, unit)) in fields)
+    return ' '.join(['design_damper', *given, shaken])
+
+
 def design_of(rig: RigParameters) -> dict[str, float]:
     """Return the numbers of the best damper of a rig, SI units; or raise a FieldError."""
     if not has_numba():

@@ -64,9 +64,8 @@ class Page:
         self.resize(*size)
         if urlsplit(address)[:2] == urlsplit(self.tab.url)[:2] != ('file', ''):
             # In the process that has shown the page, which is twice as quick as in another one
-            there = json.dumps(address)
-            with self.tab.expect_navigation():
-                self.run(f"history.replaceState(null, '', {there}); location.reload()")
+            self.run(f"history.replaceState(null, '', {json.dumps(address)})")
+            self.tab.reload()
         else:
             self.leave()
             self.tab.goto(address)

@@ -6,6 +6,7 @@ import pytest
 
 from impact_damper_ros.page.structure import (
     FieldError,
+    command_of,
     design_of,
     note_on,
     structure_of,
@@ -47,6 +48,19 @@ def test_units_are_those_that_are_shown():
 )
 def test_what_is_typed_has_its_own_unit_or_that_of_the_field(changes, name, value):
     assert getattr(structure_of({**TYPED, **changes}), name) == pytest.approx(value)
+
+
+def test_the_command_has_what_was_typed():
+    typed = {**TYPED, 'mass': '5000 g', 'damping': '2,5'}
+    structure = '--mass 5000g --frequency 10Hz --damping-ratio 2.5% --mass-ratio 5%'
+    for size, shaken in (('0.2', '--base 0.2g'), ('0.2 m/s^2', '--base 0.2m/s^2')):
+        command = command_of({**typed, 'size': size}, structure_of({**typed, 'size': size}))
+        assert command == f'design_damper {structure} --restitution 0.6 {shaken}'
+    pushed = {**typed, 'shaken': 'amplitude', 'size': '12'}
+    force = structure_of(pushed).force_amplitudes[0]
+    *_, option, given = command_of(pushed, structure_of(pushed)).split()
+    assert option == '--force'
+    assert float(given) == pytest.approx(force, rel=1e-3)
 
 
 def test_an_amplitude_stands_for_the_force_that_makes_it():

@@ -3,32 +3,28 @@
 
 import { toast } from './dom.js';
 
+/** @import { Request, ServiceRequest } from './messages.js' */
+
 /** How long after a step to the next impact its absence is reported, ms. */
 const LATE = 2000;
 
 export class Actions {
-  /**
-   * @param {import('./store.js').Store} store
-   * @param {import('./protocol.js').Connection} connection
-   */
-  constructor(store, connection) {
+  /** Whether a step has not been answered yet. */
+  stepping = false;
+
+  constructor(/** @type {import('./store.js').Store} */ store, /** @type {import('./protocol.js').Connection} */ connection) {
     this.store = store;
     this.connection = connection;
-    this.stepping = false;
   }
 
-  /**
-   * Send a request; return whether it was carried out, and show why if not.
-   * @param {import('./messages.js').Request} message
-   */
-  async ask(message) {
+  /** Send a request; return whether it was carried out, and show why if not. */
+  async ask(/** @type {Request} */ message) {
     const { ok, reason } = await this.connection.ask(message);
     if (!ok) toast(reason, 'bad');
     return ok;
   }
 
-  /** @param {import('./messages.js').ServiceRequest['name']} name */
-  service(name) {
+  service(/** @type {ServiceRequest['name']} */ name) {
     return this.ask({ type: 'service', name });
   }
 
@@ -51,11 +47,6 @@ export class Actions {
     if (ok) this.store.emit('turned', values);
     else toast(reason, 'bad');
     return ok;
-  }
-
-  /** Set parameters of the node that no link holds, such as whether it records. */
-  async setNode(values) {
-    if (await this.ask({ type: 'set', values })) this.store.takeValues(values);
   }
 
   clearWhatIf() {
@@ -96,11 +87,8 @@ export class Actions {
     await this.connection.ask({ type: 'set', values: before });
   }
 
-  /**
-   * Move a paused rig on; a key that is held down waits for each step to be done.
-   * @param {'step' | 'step_to_impact'} name
-   */
-  async step(name) {
+  /** Move a paused rig on; a key that is held down waits for each step to be done. */
+  async step(/** @type {'step' | 'step_to_impact'} */ name) {
     if (this.store.status !== 'paused' || this.stepping) return;
     this.stepping = true;
     const start = this.store.history.end;

@@ -45,11 +45,6 @@ export class Canvas {
     this.measure();
   }
 
-  /** What is drawn anew when colours or scales are other ones. */
-  get pictures() {
-    return [this];
-  }
-
   measure() {
     const box = this.canvas.getBoundingClientRect();
     const ratio = Math.min(3, devicePixelRatio || 1);
@@ -109,10 +104,7 @@ export class Canvas {
   }
 }
 
-/**
- * Append a small panel for a plot: its heading, an entry of the glossary, a line of words, and the canvas with a
- * description; return the last two.
- */
+/** Append a small panel for a plot: its heading, an entry of the glossary, a line of words, and the canvas with a description; return the last two. */
 export function plotPanel(root, id, about, label, attributes = {}) {
   const line = element('p', { class: 'line', id: `${id}-line` });
   const canvas = element('canvas', { id: `${id}-canvas`, role: 'img', 'aria-label': label, ...attributes });
@@ -123,10 +115,9 @@ export function plotPanel(root, id, about, label, attributes = {}) {
 
 /** A range that grows at once and shrinks only if it has been far too large for a while. */
 export class SteadyRange {
-  constructor() {
-    this.range = 0;
-    this.since = 0;
-  }
+  range = 0;
+
+  since = 0;
 
   fit(asked, now) {
     if (!(asked > 0)) return this.range || 1;
@@ -139,9 +130,7 @@ export class SteadyRange {
 
 /** A range about zero, with as much on either side unless one of them needs less than half of that. */
 export class SteadySpan {
-  constructor() {
-    this.sides = [new SteadyRange(), new SteadyRange()];
-  }
+  sides = [new SteadyRange(), new SteadyRange()];
 
   /** Return both ends for values between a least and a largest one. */
   fit(least, most, now) {
@@ -162,7 +151,9 @@ export class ReadOut extends Canvas {
     /** @type {[number, number] | null} */
     this.pointer = null;
     this.line = element('p', { class: 'read-out' });
-    canvas.after(this.line);
+    /** In place of what there is to plot */
+    this.note = element('p', { class: 'note' });
+    canvas.after(this.line, this.note);
     canvas.addEventListener('pointermove', (event) => this.follow(event));
     canvas.addEventListener('pointerleave', () => this.follow(null));
   }
@@ -248,26 +239,6 @@ export class Axes extends ReadOut {
     };
     this.readOut();
     return this.plan;
-  }
-
-  /** A sentence in the middle of the frame, or at another height, in as many lines as it needs. */
-  say(text, box, part = 0.5) {
-    const { context } = this;
-    Object.assign(context, { font: font(0.85), fillStyle: colours.quiet, textAlign: 'center', textBaseline: 'middle' });
-    const lines = [''];
-    for (const word of text.split(' ')) {
-      const longer = `${lines.at(-1)} ${word}`.trim();
-      if (context.measureText(longer).width > box.width - 16 && lines.at(-1)) lines.push(word);
-      else lines[lines.length - 1] = longer;
-    }
-    const height = 1.3 * colours.size * 0.85;
-    // The rig's own dot may be behind it.
-    Object.assign(context, { strokeStyle: colours.page, lineWidth: 4 });
-    lines.slice(0, 5).forEach((line, n) => {
-      const place = [box.left + box.width / 2, box.top + part * box.height + (n - (Math.min(5, lines.length) - 1) / 2) * height];
-      context.strokeText(line, ...place);
-      context.fillText(line, ...place);
-    });
   }
 
   /** An impact: a square of stop 1, a disc of stop 2. */

@@ -1,17 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Elements built by hand: text is set as text, so that nothing received becomes markup.
 
-/**
- * The element of an id, of whatever kind.
- * @returns {any}
- */
-export const byId = (id) => document.getElementById(id);
+import { digits, withUnit } from './format.js';
 
-/**
- * All elements of a selector.
- * @returns {any[]}
- */
-export const all = (selector, root = document) => [...root.querySelectorAll(selector)];
+/** The element of an id, of whatever kind. */
+export const byId = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
+
+/** All elements of a selector. */
+export const all = (/** @type {string} */ selector, root = document) => /** @type {any[]} */ ([...root.querySelectorAll(selector)]);
 
 /** Return an element with attributes and children; strings become text nodes. */
 export function element(tag, attributes = {}, ...children) {
@@ -38,6 +34,20 @@ export function write(target, text) {
 /** Set an attribute if it is another one. */
 export function mark(target, name, value) {
   if (target.getAttribute(name) !== value) target.setAttribute(name, value);
+}
+
+/** Write a text, which is whole in its tooltip where there is no room for it. */
+export function writeLine(target, text) {
+  write(target, text);
+  mark(target, 'title', text);
+}
+
+/** Write numbers into the elements that are for them, each with the unit and the digits that it has there. */
+export function writeNumbers(selector, numbers) {
+  for (const place of all(selector)) {
+    const { number, unit, digits: count = '3' } = place.dataset;
+    write(place, unit ? withUnit(numbers?.[number], unit, Number(count)) : digits(numbers?.[number], Number(count)));
+  }
 }
 
 /** Show a share of 1 as a bar, with a text beside it. */

@@ -47,15 +47,8 @@ export function velocityUnit(size) {
   return { factor: 1e3, unit: 'mm/s' };
 }
 
-/** Return a number as it would be typed: shortest text that stays within a relative error. */
-export function typed(value, relative = 1e-6) {
-  if (!Number.isFinite(value)) return '';
-  for (let count = 1; count < 17; count += 1) {
-    const text = Number(value.toPrecision(count));
-    if (Math.abs(text - value) <= relative * Math.abs(value)) return String(text);
-  }
-  return String(value);
-}
+/** Return a number as it would be typed, with at most so many significant digits. */
+export const typed = (value, count = 7) => (Number.isFinite(value) ? String(Number(value.toPrecision(count))) : '');
 
 /** Return a span of time as minutes and seconds; with milliseconds if it is to be exact. */
 export function clock(seconds, exact = false) {
@@ -74,10 +67,7 @@ export function clock(seconds, exact = false) {
 /** Return a size in bytes. */
 export const bytes = (size) => withUnit(size, 'B', 2);
 
-/** How many decimals numbers need that are a step apart. */
-export const decimalsOf = (step) => Math.max(0, -Math.floor(Math.log10(Math.abs(step)) + 1e-9));
-
-/** Steps of 1, 2 or 5 that cut a range into about so many parts. */
+/** Steps of 1, 2 or 5 that cut a range into about so many parts, and how many decimals they need. */
 export function ticks(low, high, about) {
   const rough = (high - low) / Math.max(1, about);
   if (!(rough > 0) || !Number.isFinite(rough)) return { values: [], decimals: 0 };
@@ -87,7 +77,7 @@ export function ticks(low, high, about) {
   for (let n = Math.ceil(low / step - 1e-9); n * step <= high + 1e-9 * step; n += 1) {
     values.push(n === 0 ? 0 : n * step);
   }
-  return { values, decimals: decimalsOf(step), step };
+  return { values, decimals: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), step };
 }
 
 /** The least of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below a value. */

@@ -76,12 +76,8 @@ class Rows {
   }
 }
 
-/**
- * Place on the cubic through two places with their velocities.
- * @param {any[]} before time, place, velocity
- * @param {any[]} after
- */
-function between([t0, x0, v0], [t1, x1, v1], t) {
+/** Place on the cubic through two places with their velocities, each given as time, place and velocity. */
+function between(/** @type {number[]} */ [t0, x0, v0], /** @type {number[]} */ [t1, x1, v1], t) {
   const length = Math.max(t1 - t0, 1e-12);
   const share = Math.min(1, Math.max(0, (t - t0) / length));
   const rest = 1 - share;

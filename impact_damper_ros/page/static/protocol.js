@@ -19,13 +19,8 @@ function openSource(query) {
   return new WebSocket(`${scheme}://${location.host}/ws${query ? `?${query}` : ''}`);
 }
 
-/**
- * Read a binary frame, given the layout that the server has described.
- * @param {ArrayBuffer} buffer
- * @param {Layout | null} layout
- * @returns {Frame | null}
- */
-export function readFrame(buffer, layout) {
+/** Read a binary frame, given the layout that the server has described; null if it is none. */
+export function readFrame(/** @type {ArrayBuffer} */ buffer, /** @type {Layout | null} */ layout) {
   const view = new DataView(buffer);
   if (!layout || buffer.byteLength < layout.header || view.getUint8(0) !== layout.kind) return null;
   const set = view.getUint8(1);
@@ -49,8 +44,7 @@ export class Reporter extends EventTarget {
     for (const kind of kinds.split(' ')) this.addEventListener(kind, (event) => take(/** @type {CustomEvent} */ (event).detail));
   }
 
-  /** @param {string} kind */
-  emit(kind, detail = null) {
+  emit(/** @type {string} */ kind, detail = null) {
     this.dispatchEvent(new CustomEvent(kind, { detail }));
   }
 }
@@ -66,11 +60,8 @@ export class Connection extends Reporter {
     this.timer = 0;
     this.ids = 0;
     this.query = '';
-    /**
-     * Requests without an answer by their number: the message, and what takes the answer.
-     * @type {Map<any, { message: Request, resolve: (answer: Answer) => void }>}
-     */
-    this.pending = new Map();
+    /** Requests without an answer by their number: the message, and what takes the answer. */
+    this.pending = /** @type {Map<any, { message: Request, resolve: (answer: Answer) => void }>} */ (new Map());
     /** Whether the server has begun to show what was joined. */
     this.joined = false;
   }
@@ -115,8 +106,7 @@ export class Connection extends Reporter {
       if (frame) this.emit('frame', frame);
       return;
     }
-    /** @type {ServerMessage} */
-    const message = JSON.parse(data);
+    const message = /** @type {ServerMessage} */ (JSON.parse(data));
     if (message.type === 'answer') {
       this.pending.get(message.id)?.resolve(message);
       this.pending.delete(message.id);
@@ -143,24 +133,17 @@ export class Connection extends Reporter {
     }
   }
 
-  /**
-   * Send a message; without a connection nothing is kept for later.
-   * @param {Request} message
-   */
-  send(message) {
+  /** Send a message; without a connection nothing is kept for later. */
+  send(/** @type {Request} */ message) {
     if (this.socket?.readyState === 1) this.socket.send(JSON.stringify(message));
   }
 
-  /**
-   * Send a message that is answered; see REPEATED.
-   * @param {Request} asked
-   * @returns {Promise<Answer>}
-   */
-  ask(asked) {
-    if (!this.joined && !REPEATED.has(asked.type)) return Promise.resolve({ ok: false, reason: NOT_ASKED });
+  /** Send a message, and return the answer; see REPEATED. */
+  async ask(/** @type {Request} */ asked) {
+    if (!this.joined && !REPEATED.has(asked.type)) return /** @type {Answer} */ ({ ok: false, reason: NOT_ASKED });
     this.ids += 1;
     const message = { ...asked, id: this.ids };
-    return new Promise((resolve) => {
+    return new Promise((/** @type {(answer: Answer) => void} */ resolve) => {
       this.pending.set(message.id, { message, resolve });
       if (this.joined) this.send(message);
     });

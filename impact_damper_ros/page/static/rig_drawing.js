@@ -67,19 +67,13 @@ export class RigDrawing extends Canvas {
     const [cos, sin] = [Math.abs(Math.cos(angle)), Math.abs(Math.sin(angle))];
     // As long as the canvas allows in this direction; a shorter rig is a lower one, too.
     let [length, tall, up, down] = [0, 0, 0, 0];
-    const heights = (height) => { [tall, up, down] = [height, height / 2 + 1.5 * em, 0.66 * height + 1.9 * em]; };
     for (length = Math.hypot(this.width, this.height); length > 110; length *= 0.985) {
-      heights(Math.max(2.4 * em, Math.min(length / 5.5, 10 * em)));
-      const [wide, high] = [length * cos + (up + down) * sin, length * sin + (up + down) * cos];
-      if (wide <= this.width - 1.6 * em && high <= this.height - 0.3 * em) break;
       // A long one may be lower than it would like to be, but not by much.
-      if (wide <= this.width - 1.6 * em) {
-        const low = Math.max(2.4 * em, (this.height - 0.3 * em - length * sin) / cos - 3.4 * em) / 1.16;
-        if (low >= length / 9 && low < tall) {
-          heights(low);
-          if (length * sin + (up + down) * cos <= this.height) break;
-        }
-      }
+      const room = ((this.height - 0.3 * em - length * sin) / cos - 3.4 * em) / 1.16;
+      tall = Math.min(Math.max(2.4 * em, Math.min(length / 5.5, 10 * em)), Math.max(2 * em, length / 9, room));
+      [up, down] = [tall / 2 + 1.5 * em, 0.66 * tall + 1.9 * em];
+      const [wide, high] = [length * cos + (up + down) * sin, length * sin + (up + down) * cos];
+      if (wide <= this.width - 1.6 * em && high <= this.height) break;
     }
     const thick = Math.max(5, Math.min(0.16 * tall, 0.025 * length));
     const size = Math.min(LARGEST, Math.max(SMALLEST, Math.sqrt(massRatio / USUAL_RATIO) || 1));
@@ -267,20 +261,10 @@ export class RigDrawing extends Canvas {
       context.fillStyle = stopColour(stop);
       context.fillRect(...box);
       for (const { since, strength } of this.flashes.filter((one) => one.stop === stop && now - one.since < FLASH)) {
-        const part = Math.max(0, now - since) / FLASH;
+        const part = reducedMotion() ? 0 : Math.max(0, now - since) / FLASH;
         context.save();
-        if (reducedMotion()) {
-          context.fillStyle = colours.open;
-          context.fillRect(...box);
-        } else {
-          context.globalAlpha = (1 - part) * (0.35 + 0.65 * strength);
-          const radius = tallPad * (0.5 + 0.55 * strength) * (0.6 + 0.6 * part);
-          const glow = context.createRadialGradient(face, centre, 0, face, centre, radius);
-          glow.addColorStop(0, colours.damper);
-          glow.addColorStop(0.35, colours.open);
-          glow.addColorStop(1, `${colours.open}00`);
-          this.disc(face, centre, radius, glow);
-        }
+        Object.assign(context, { fillStyle: colours.open, globalAlpha: (1 - part) * (0.35 + 0.65 * strength), shadowColor: colours.open, shadowBlur: tallPad * strength * (0.6 + part) });
+        context.fillRect(...box);
         context.restore();
       }
     }

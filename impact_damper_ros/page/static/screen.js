@@ -3,25 +3,22 @@
 
 import { readColours } from './chart.js';
 
-/**
- * Puts a panel into its element, and shows there what the store has; `others` are panels that it works with.
- * @typedef {(root: any, store: import('./store.js').Store, actions?: import('./actions.js').Actions, others?: any) => any} Mount
- */
+/** @import { Store } from './store.js' */
 
 /**
- * What a panel that draws has: draw(now, anew), rescale() if it has scales, and pictures, each with `stale`.
- * @typedef {{ draw: (now: number, anew: boolean) => void, rescale?: () => void, pictures: { stale: boolean }[] }} Drawn
+ * Puts a panel into its element, and shows there what the store has; `others` are panels that it works with.
+ * @typedef {(root: any, store: Store, actions?: import('./actions.js').Actions, others?: any) => any} Mount
+ * What a panel that draws has: draw(now, anew), rescale() if it has scales, and `stale`, or pictures that have it.
+ * @typedef {{ draw: (now: number, anew: boolean) => void, rescale?: () => void, stale?: boolean, pictures?: { stale?: boolean }[] }} Drawn
  */
 
 export class Screen {
-  /**
-   * @param {import('./store.js').Store} store
-   * @param {Drawn[]} panels
-   */
-  constructor(store, panels) {
+  /** Of the motion that is drawn. */
+  version = -1;
+
+  constructor(/** @type {Store} */ store, /** @type {Drawn[]} */ panels) {
     this.store = store;
     this.panels = panels;
-    this.version = -1;
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.recolour());
     // The size of letters may be another one.
     addEventListener('resize', () => this.recolour());
@@ -46,7 +43,7 @@ export class Screen {
   /** Draw everything anew though nothing moves. */
   redraw() {
     this.version = -1;
-    for (const { pictures } of this.panels) for (const picture of pictures) picture.stale = true;
+    for (const picture of this.panels.flatMap((panel) => panel.pictures ?? [panel])) picture.stale = true;
   }
 
   begin() {

@@ -7,11 +7,7 @@ const LAST = 0.95;
 const DECADES = 5;
 
 export class SliderScale {
-  /**
-   * @param {{ name: string, min: number | null, max: number | null, usual: [number, number] | null, zero?: string }} descriptor
-   * @param {number} number in the unit shown, as `factor` makes it of the SI unit
-   * @param {number} natural natural frequency of the rig, Hz
-   */
+  /** For a number in the unit shown, as `factor` makes it of the SI unit; `natural` is the natural frequency of the rig, Hz. */
   constructor({ name, min, max, usual, zero = '' }, number, factor, natural) {
     this.log = false;
     /** The part of the way that is for other numbers than 0. */

@@ -11,6 +11,8 @@ import { Reporter } from './protocol.js';
 import { Theory } from './theory.js';
 import { changeInWords, Units } from './words.js';
 
+/** @import { Diagnostics, Frame, Hello, ListedRecording, Numbers, Parameters, ServerMessage, Values } from './messages.js' */
+
 /** Parameters that are part of a link: of the rig, of its control and of its start, not of the node. */
 const REPRODUCIBLE = new Set(['rig', 'forcing', 'control']);
 const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
@@ -23,22 +25,19 @@ export class Store extends Reporter {
     this.history = new History();
     this.theory = new Theory();
     this.units = new Units();
-    /** @type {import('./messages.js').Hello} */
+    /** @type {Hello} */
     this.hello = { type: 'hello', version: '', mode: 'live', rig: '', bag: '', parameters: [], presets: [], rigs: [], recordings: [], frame: null, steers: true };
     this.status = 'connecting';
     /** What the server has added to the last status. */
     this.statusText = '';
-    /** @type {Partial<import('./messages.js').Numbers>} */
-    this.numbers = {};
-    /** @type {import('./messages.js').Diagnostics | null} */
-    this.diagnostics = null;
-    /** @type {import('./messages.js').ListedRecording[]} */
-    this.recordings = [];
+    this.numbers = /** @type {Partial<Numbers>} */ ({});
+    this.diagnostics = /** @type {Diagnostics | null} */ (null);
+    this.recordings = /** @type {ListedRecording[]} */ ([]);
     /** Values of the rig itself; beside a recording the knobs hold those of the what-if. */
-    this.values = /** @type {import('./messages.js').Values} */ ({});
-    this.whatIf = /** @type {import('./messages.js').Values} */ ({});
+    this.values = /** @type {Values} */ ({});
+    this.whatIf = /** @type {Values} */ ({});
     /** The best gap of a structure, and the values of its rig, as long as the rig is that one. */
-    this.design = /** @type {{ gap: number, values: import('./messages.js').Values } | null} */ (null);
+    this.design = /** @type {{ gap: number, values: Values } | null} */ (null);
     /** What of the address still has to be sent to the rig. */
     this.wanted = own ? null : opened;
     /** What the address is to hold. */
@@ -60,11 +59,8 @@ export class Store extends Reporter {
   /** Whether this page may change the rig. */
   get steers() { return this.isLive && this.hello.steers; }
 
-  /**
-   * Take in a message of the server.
-   * @param {import('./messages.js').ServerMessage} message
-   */
-  receive(message) {
+  /** Take in a message of the server. */
+  receive(/** @type {ServerMessage} */ message) {
     switch (message.type) {
       case 'hello': return this.begin(message);
       case 'status':
@@ -91,8 +87,7 @@ export class Store extends Reporter {
     }
   }
 
-  /** @param {import('./messages.js').Hello} hello */
-  begin(hello) {
+  begin(/** @type {Hello} */ hello) {
     const live = hello.mode !== 'player';
     if (!live || hello.rig !== this.hello.rig) this.design = null;
     const values = Object.fromEntries(hello.parameters.map((one) => [one.name, one.value]));
@@ -124,8 +119,7 @@ export class Store extends Reporter {
     return this.hello.presets.find((one) => one.title === title)?.name ?? '';
   }
 
-  /** @param {import('./messages.js').Parameters} message */
-  takeChange(message) {
+  takeChange(/** @type {Parameters} */ message) {
     const { time, values } = message;
     const factor = values.gap / this.values.gap;
     // So much changes that the scales of before say nothing.
@@ -149,8 +143,7 @@ export class Store extends Reporter {
     if (rescaled) this.emit('units');
   }
 
-  /** @param {import('./messages.js').Frame} frame */
-  takeFrame(frame) {
+  takeFrame(/** @type {Frame} */ frame) {
     this.frames += 1;
     this.history.add(frame);
     this.emit('frame');
@@ -231,8 +224,10 @@ export class Store extends Reporter {
 
   /** Keep a choice of the view in the address, or none. */
   keepView(name, value) {
-    if (value) this.address.view[name] = value;
-    else delete this.address.view[name];
+    const { view } = this.address;
+    if ((view[name] ?? '') === value) return;
+    if (value) view[name] = value;
+    else delete view[name];
     this.keepAddress();
   }
 

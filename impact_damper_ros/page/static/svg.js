@@ -3,7 +3,6 @@
 
 const escaped = (text) => String(text).replace(/[&<>"]/g, (sign) => `&#${sign.charCodeAt(0)};`);
 const short = (value) => String(Number(value.toFixed(2)));
-const STATE = ['fillStyle', 'strokeStyle', 'lineWidth', 'lineCap', 'lineJoin', 'globalAlpha', 'font', 'textAlign', 'textBaseline', 'dash', 'groups'];
 const ANCHORS = { left: 'start', center: 'middle', right: 'end' };
 const BASELINES = { top: 'text-before-edge', middle: 'central', bottom: 'text-after-edge', alphabetic: 'alphabetic' };
 
@@ -28,11 +27,11 @@ export class SvgContext {
     this.saved = /** @type {object[]} */ ([]);
   }
 
-  save() { this.saved.push(Object.fromEntries(STATE.map((name) => [name, this[name]]))); }
+  save() { this.saved.push({ ...this }); }
 
   restore() {
-    const { groups } = this;
-    Object.assign(this, this.saved.pop());
+    const { groups, count, path } = this;
+    Object.assign(this, this.saved.pop(), { count, path });
     this.parts.push('</g>'.repeat(groups - this.groups));
   }
 
@@ -87,25 +86,20 @@ export class SvgContext {
 
   fill(rule = 'nonzero') { this.parts.push(`<path d="${this.path}" fill="${this.fillStyle}" fill-rule="${rule}" opacity="${short(this.globalAlpha)}"/>`); }
 
-  /** No picture for a slide has a flash. */
-  createRadialGradient() { return { addColorStop() {}, toString: () => 'none' }; }
-
   stroke() {
     const dash = this.dash.length ? ` stroke-dasharray="${this.dash.join(' ')}"` : '';
     this.parts.push(`<path d="${this.path}" fill="none" stroke="${this.strokeStyle}" stroke-width="${short(this.lineWidth)}" stroke-linejoin="${this.lineJoin}" opacity="${short(this.globalAlpha)}"${dash}/>`);
   }
 
-  fillRect(...box) {
+  box(x, y, width, height) {
     this.beginPath();
-    this.rect(...box);
-    this.fill();
+    this.rect(x, y, width, height);
+    return this;
   }
 
-  strokeRect(...box) {
-    this.beginPath();
-    this.rect(...box);
-    this.stroke();
-  }
+  fillRect(x, y, width, height) { this.box(x, y, width, height).fill(); }
+
+  strokeRect(x, y, width, height) { this.box(x, y, width, height).stroke(); }
 
   fillText(text, x, y) { this.write(text, x, y, `fill="${this.fillStyle}"`); }
 

@@ -67,7 +67,6 @@ export class Theory {
 
   /** The best gap known, and whether it is beyond an end of the curve. */
   get best() {
-    const { gap = null, bound = '' } = this.curve?.optimum ?? {};
-    return { gap, bound };
+    return this.curve?.optimum ?? { gap: NaN, bound: '' };
   }
 }

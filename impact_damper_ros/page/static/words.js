@@ -3,29 +3,25 @@
 
 import { capital, digits, lengthUnit, TAU, withUnit } from './format.js';
 
+/** @import { Descriptor, Diagnostics, Values } from './messages.js' */
+
 /** Parameters of the node that do not change the rig. */
 const SETTINGS = new Set(['real_time_factor', 'record', 'bag_directory', 'predict_motion', 'max_bag_size', 'max_bag_duration']);
 /** Units of the motion of the base, by its quantity. */
 const BASE = { displacement: 'm', velocity: 'm/s', acceleration: 'm/s²' };
 
-/** @param {import('./messages.js').Values} values */
-const naturalOf = ({ primary_mass: mass, stiffness }) => (mass > 0 ? Math.sqrt(stiffness / mass) / TAU : 0);
+const naturalOf = (/** @type {Values} */ { primary_mass: mass, stiffness }) => (mass > 0 ? Math.sqrt(stiffness / mass) / TAU : 0);
 
 /** In which units the values of a rig are read; they change only where they have to. */
 export class Units {
-  /** @param {import('./messages.js').Values} values */
-  constructor(values = {}) {
+  constructor(/** @type {Values} */ values = {}) {
     this.natural = naturalOf(values);
     this.scale = lengthUnit(values.gap ?? 1);
     this.quantity = values.base_quantity;
   }
 
-  /**
-   * Take in values that have changed, of all that the rig has by then; return whether a unit is another one.
-   * @param {import('./messages.js').Values} changed
-   * @param {import('./messages.js').Values} values
-   */
-  take(changed, values) {
+  /** Take in values that have changed, of all that the rig has by then; return whether a unit is another one. */
+  take(/** @type {Values} */ changed, /** @type {Values} */ values) {
     let anew = false;
     if ('gap' in changed || 'primary_mass' in changed || 'stiffness' in changed) {
       const natural = naturalOf(values);
@@ -42,10 +38,7 @@ export class Units {
     return anew;
   }
 
-  /**
-   * How a parameter is shown: unit and factor; lengths in a scale, the motion of the base as its quantity.
-   * @param {{ name: string, unit: string }} descriptor
-   */
+  /** How a parameter is shown: unit and factor; lengths in a scale, the motion of the base as its quantity. */
   of({ name, unit }) {
     if (name === 'base_amplitudes') return { unit: BASE[this.quantity] ?? '', factor: 1 };
     if (unit === 'rad/s') return { unit: 'Hz', factor: 1 / TAU };
@@ -61,14 +54,8 @@ function isPadded(before, value) {
   return Array.isArray(value) && Array.isArray(before) && value.length !== before.length && trimmed(value) === trimmed(before);
 }
 
-/**
- * What was done to a rig, for the lines in the traces: a text, and the name of the parameter if it is a single one.
- * @param {{ kind: string, values?: import('./messages.js').Values, preset?: string }} change
- * @param {import('./messages.js').Values} before
- * @param {import('./messages.js').Descriptor[]} descriptors
- * @param {Units} units
- */
-export function changeInWords({ kind, values = {}, preset = '' }, before, descriptors, units) {
+/** What was done to a rig, for the lines in the traces: a text, and the name of the parameter if it is a single one. */
+export function changeInWords({ kind, values = {}, preset = '' }, /** @type {Values} */ before, /** @type {Descriptor[]} */ descriptors, /** @type {Units} */ units) {
   const names = Object.keys(values).filter((name) => !SETTINGS.has(name) && !name.startsWith('initial_') && !isPadded(before[name], values[name]));
   const one = (name) => {
     const known = descriptors.find((other) => other.name === name);
@@ -83,11 +70,8 @@ export function changeInWords({ kind, values = {}, preset = '' }, before, descri
   return { text: [kind === 'reset' ? 'reset' : '', turned].filter(Boolean).join(', '), name: kind !== 'reset' && names.length === 1 ? names[0] : '' };
 }
 
-/**
- * What shakes the rig first, the force or the base: amplitude, unit, and frequency in rad/s.
- * @param {import('./messages.js').Values} values
- */
-export function drive({ force_amplitudes: force = [], force_frequencies: ofForce = [], base_amplitudes: base = [], base_frequencies: ofBase = [], base_quantity: quantity }) {
+/** What shakes the rig first, the force or the base: amplitude, unit, and frequency in rad/s. */
+export function drive(/** @type {Values} */ { force_amplitudes: force = [], force_frequencies: ofForce = [], base_amplitudes: base = [], base_frequencies: ofBase = [], base_quantity: quantity }) {
   if (!force[0] && base[0]) return { amplitude: Math.abs(base[0]), unit: BASE[quantity], frequency: ofBase[0], word: 'base ' };
   return { amplitude: Math.abs(force[0] ?? 0), unit: 'N', frequency: ofForce[0], word: '' };
 }
@@ -118,12 +102,8 @@ const AGREEMENT = {
 /** Words for kinds of a measured motion with which theory is not compared. */
 const KINDS = { 'without impacts': 'No impacts', transient: 'Settling' };
 
-/**
- * The verdict on a motion: words, their shade, and a line each on the measured and the predicted motion.
- * @param {Pick<import('./messages.js').Diagnostics, 'level' | 'kind' | 'message' | 'verdict' | 'agreement'>} report
- * @param {import('./theory.js').Theory} theory
- */
-export function verdictInWords({ level, kind, message, verdict, agreement }, theory) {
+/** The verdict on a motion: words, their shade, and a line each on the measured and the predicted motion. */
+export function verdictInWords(/** @type {Omit<Diagnostics, 'type' | 'controller'>} */ { level, kind, message, verdict, agreement }, /** @type {import('./theory.js').Theory} */ theory) {
   const { orbit } = theory;
   const irregular = theory.irregular && agreement !== 'agrees' && agreement !== 'disagrees';
   const words = AGREEMENT[agreement] ?? (verdict && !kind ? verdict : KINDS[kind] ?? 'No verdict');

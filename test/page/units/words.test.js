@@ -4,7 +4,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { bytes, clock, decimalsOf, digits, lengthUnit, niceAbove, ticks, typed, withUnit } from '../../../impact_damper_ros/page/static/format.js';
+import { bytes, clock, digits, lengthUnit, niceAbove, ticks, typed, withUnit } from '../../../impact_damper_ros/page/static/format.js';
 import { readTyped, SliderScale } from '../../../impact_damper_ros/page/static/slider.js';
 import { Theory } from '../../../impact_damper_ros/page/static/theory.js';
 import { changeInWords, push, rigInWords, Units, verdictInWords } from '../../../impact_damper_ros/page/static/words.js';
@@ -15,7 +15,7 @@ const TABLE = [
   [typed, [[[0.0241], '0.0241'], [[0.1 + 0.2], '0.3'], [[1e21], '1e+21'], [[Infinity], '']]],
   [clock, [[[75], '75.00\u202fs'], [[3725.25, true], '1:02:05.250'], [[-1], '−1.00\u202fs'], [[NaN], '–']]],
   [bytes, [[[1234567], '1.2\u202fMB']]],
-  [decimalsOf, [[[0.05], 2], [[10], 0]]],
+  [(...range) => ticks(...range).decimals, [[[0, 0.2, 4], 2], [[0, 40, 4], 0]]],
   [niceAbove, [[[0.0241], 0.025], [[1], 1], [[NaN], 1], [[7.1e5], 8e5]]],
   [(size) => lengthUnit(size).unit, [[[3], 'm'], [[0.02], 'mm'], [[2e-5], 'µm']]],
   [(...range) => ticks(...range).values.join(' '), [[[0, 1, 4], '0 0.5 1'], [[-24, 24, 5], '-20 -10 0 10 20'], [[1, 1, 3], '']]],

@@ -4,8 +4,13 @@
 import { byId, element, mark, toast, write } from '../dom.js';
 import { clock, digits } from '../format.js';
 
-/** Where the word for a state is not its name. */
-const STATES = { gone: 'rig gone', offline: 'no server', doubled: 'several rigs', other_version: 'other version' };
+/** Where the word for a state is not its name, and what is written over the rig, if not what the server says. */
+const STATES = {
+  gone: ['rig gone', 'The node does not answer; waiting for it.'],
+  offline: ['no server', 'The page server does not answer; trying again.'],
+  doubled: ['several rigs'],
+  other_version: ['other version'],
+};
 /** Keys that jump in a recording; those that go forwards move a paused rig, too. */
 const JUMP_KEYS = {
   ArrowRight: ['impact', 1], ArrowLeft: ['impact', -1], 'Shift+ArrowRight': ['sample', 1], 'Shift+ArrowLeft': ['sample', -1],
@@ -16,15 +21,9 @@ const TYPED = 'input, select, textarea, dialog, canvas, [role="dialog"], [tabind
 
 function showStatus({ status, isLive }, text) {
   const pill = byId('status');
-  const words = STATES[status] ?? status;
   const curtain = byId('curtain');
-  const shown = {
-    gone: 'The node does not answer; waiting for it.',
-    offline: 'The page server does not answer; trying again.',
-    doubled: text,
-    other_version: text,
-    paused: isLive ? 'Paused' : '',
-  }[status] ?? '';
+  const paused = status === 'paused';
+  const [words, shown = text] = STATES[status] ?? [status, paused && isLive ? 'Paused' : ''];
   for (const place of [pill, curtain]) mark(place, 'data-state', status);
   write(pill, words);
   curtain.hidden = !shown;
@@ -32,7 +31,6 @@ function showStatus({ status, isLive }, text) {
   // A rig that lags says why in a tooltip and to a screen reader; it runs on.
   mark(pill, 'title', text || shown || words);
   mark(pill, 'aria-label', status === 'lagging' && text ? `${words}: ${text}` : words);
-  const paused = status === 'paused';
   mark(byId('pause'), 'aria-pressed', String(paused));
   write(byId('pause'), paused ? 'Resume' : 'Pause');
   // Not disabled, which would take the focus from them in the middle of a step.
@@ -89,9 +87,9 @@ export const mount = (root, store, actions, { player }) => {
   press('reset', () => actions.service('reset'));
   press('step', () => actions.step('step'));
   press('step-to-impact', () => actions.step('step_to_impact'));
-  press('record', () => actions.setNode({ record: byId('record').getAttribute('aria-pressed') !== 'true' }));
+  press('record', () => actions.turn({ record: byId('record').getAttribute('aria-pressed') !== 'true' }));
   press('link', () => copyLink(store));
-  press('large', switchLarge);
+  press('large', () => switchLarge());
   store.on('status', ({ text }) => showStatus(store, text));
   store.on('hello', () => {
     showMode(store);
@@ -106,20 +104,14 @@ export const mount = (root, store, actions, { player }) => {
   });
   store.on('drawn', () => write(byId('clock'), Number.isFinite(store.history.end) ? clock(store.history.end, store.status === 'paused') : ''));
 
-  /** Large type, for a lecture hall. */
-  function showLarge(on) {
-    document.documentElement.classList.toggle('large', on);
+  /** Large type, for a lecture hall, or as it was. */
+  const switchLarge = () => {
+    const on = document.documentElement.classList.toggle('large');
     mark(byId('large'), 'aria-pressed', String(on));
-    dispatchEvent(new Event('resize'));
-  }
-
-  function switchLarge() {
-    const on = !document.documentElement.classList.contains('large');
-    showLarge(on);
     store.keepView('large', on ? '1' : '');
-  }
-
-  if (store.address.view.large === '1') showLarge(true);
+    dispatchEvent(new Event('resize'));
+  };
+  if (store.address.view.large === '1') switchLarge();
   document.addEventListener('keydown', (event) => {
     const target = /** @type {Element} */ (event.target);
     if (event.ctrlKey || event.metaKey || event.altKey || target.closest(TYPED)) return;

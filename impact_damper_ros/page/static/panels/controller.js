@@ -1,16 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // What moves the stops: the controller's last command, its score, and faults to try it under.
 
-import { all, byId, element, mark, write } from '../dom.js';
+import { all, byId, element, mark, write, writeNumbers } from '../dom.js';
 import { digits, withUnit } from '../format.js';
 
-/** @type {Record<string, (value: number) => string>} */
-const SCORE = {
-  x_rms: (value) => withUnit(value, 'm'),
-  x_max: (value) => withUnit(value, 'm'),
-  impacts: (value) => digits(value, 3),
-  actuator_energy: (value) => withUnit(value, 'J'),
-};
 const FAULTS = [['sensor_fault', 'Sensors'], ['actuator_fault', 'Stops']];
 
 /** Make a switch for each fault of a rig. */
@@ -49,6 +42,6 @@ export const mount = (root, store, actions) => {
     // What has been achieved in the last minute
     const { score } = store.numbers;
     write(byId('score-title'), score ? `Last ${digits(score.seconds, 2)} s` : 'Last minute');
-    for (const place of all('[data-score]')) write(place, score ? SCORE[place.dataset.score](score[place.dataset.score]) : '–');
+    writeNumbers('#score dd', score);
   });
 };

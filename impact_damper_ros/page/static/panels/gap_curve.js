@@ -2,7 +2,7 @@
 // Xmax/A over the gap by theory, with the rig's own dot on it; a click sets the gap.
 
 import { Axes, colours, dashes, plain, plotPanel } from '../chart.js';
-import { mark, write } from '../dom.js';
+import { mark, write, writeLine } from '../dom.js';
 import { digits, lengthUnit, niceAbove, withUnit } from '../format.js';
 import { entry } from '../glossary.js';
 
@@ -14,7 +14,6 @@ class GapCurve extends Axes {
   constructor(canvas, store, setGap) {
     super(canvas);
     this.store = store;
-    this.theory = store.theory;
     /** The special point gone to by the keyboard. */
     this.visited = -1;
     this.low = 0;
@@ -51,7 +50,7 @@ class GapCurve extends Axes {
     const { fromX, toY } = this.plan ?? {};
     if (!super.values(x, y)) return '';
     const gap = fromX(x);
-    const crossed = (this.theory.curve?.branches ?? []).flatMap(({ gap: gaps, x_max_ratio: ratios }) => gaps.slice(1).flatMap((to, n) => {
+    const crossed = (this.store.theory.curve?.branches ?? []).flatMap(({ gap: gaps, x_max_ratio: ratios }) => gaps.slice(1).flatMap((to, n) => {
       const from = gaps[n];
       if ((from - gap) * (to - gap) > 0 || from === to) return [];
       return [ratios[n] + ((gap - from) / (to - from)) * (ratios[n + 1] - ratios[n])];
@@ -88,19 +87,9 @@ class GapCurve extends Axes {
     return this.store.values.gap ?? this.store.numbers.gap;
   }
 
-  /** How far M moves, over A. */
-  get measured() {
-    return this.store.numbers.x_max_ratio ?? NaN;
-  }
-
-  /** The best gap of the user's structure; NaN without one. */
-  get design() {
-    return this.store.design?.gap ?? NaN;
-  }
-
   draw() {
     if (!this.stale || !this.begin()) return;
-    const { curve } = this.theory;
+    const { design, numbers: { x_max_ratio: measured }, theory: { curve } } = this.store;
     const branches = curve?.branches ?? [];
     const gaps = branches.flatMap((branch) => branch.gap);
     let low = Math.min(Infinity, ...gaps);
@@ -112,9 +101,9 @@ class GapCurve extends Axes {
       low = Math.min(low, 0.9 * this.gap);
       high = Math.max(high, 1.1 * this.gap);
     }
-    if (this.design > 0) [low, high] = [Math.min(low, 0.9 * this.design), Math.max(high, 1.1 * this.design)];
+    if (design) [low, high] = [Math.min(low, 0.9 * design.gap), Math.max(high, 1.1 * design.gap)];
     if (!(high > 0)) [low, high] = [0, 1];
-    if (this.measured > 0) most = Math.max(most, Math.min(this.measured, 3 * (most || this.measured)));
+    if (measured > 0) most = Math.max(most, Math.min(measured, 3 * (most || measured)));
     const { factor, unit } = lengthUnit(high);
     // The range changes only if it has to, so that the curve stays where it was.
     const end = niceAbove(high * factor) / factor;
@@ -132,13 +121,13 @@ class GapCurve extends Axes {
         context.globalAlpha = 1;
       };
       /** Beside a line, on its left or right, at the top of the frame or at its bottom. */
-      const write = (text, place, colour, left, level = 'top') => {
+      const label = (text, place, colour, left, level = 'top') => {
         this.text(text, place + (left ? -4 : 4), level === 'top' ? box.top + 3 : box.top + box.height - 3, { size: 0.75, colour, align: left ? 'right' : 'left', level });
       };
       if (curve?.optimum) upright(curve.optimum.gap, colours.good, 0.5, [2, 3]);
-      if (this.design > 0) {
-        upright(this.design, colours.good, 1, [6, 3]);
-        write('my structure: best', toX(this.design), colours.good, toX(this.design) > box.left + box.width / 2);
+      if (design) {
+        upright(design.gap, colours.good, 1, [6, 3]);
+        label('my structure: best', toX(design.gap), colours.good, toX(design.gap) > box.left + box.width / 2);
       }
       for (const branch of branches) this.branch(branch, toX, toY);
       this.specials(curve?.special ?? [], toX, toY);
@@ -146,20 +135,20 @@ class GapCurve extends Axes {
       if (curve?.x_max_ratio > 0) this.dot(toX(curve.gap), toY(curve.x_max_ratio), colours.theory, 4);
       if (this.aim > 0 && this.store.steers) {
         upright(this.aim, colours.link, 1);
-        write(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim), colours.link, toX(this.aim) > box.left + box.width / 2, 'bottom');
+        label(`set ${digits(this.aim * factor, 3)} ${unit}`, toX(this.aim), colours.link, toX(this.aim) > box.left + box.width / 2, 'bottom');
       }
       if (this.beyond) {
         const right = this.gap > this.high;
         const text = `the rig is at ${withUnit(this.gap, 'm')}`;
-        write(right ? `${text} →` : `← ${text}`, box.left + (right ? box.width : 0), colours.primary, right);
+        label(right ? `${text} →` : `← ${text}`, box.left + (right ? box.width : 0), colours.primary, right);
       } else if (this.gap > 0) {
         upright(this.gap, colours.primary, 0.55);
-        if (Number.isFinite(this.measured)) this.dot(toX(this.gap), Math.max(toY(this.measured), box.top + 2), colours.primary, 6);
+        if (Number.isFinite(measured)) this.dot(toX(this.gap), Math.max(toY(measured), box.top + 2), colours.primary, 6);
       }
     });
-    if (!branches.length) this.say(curve?.text || this.theory.failed || 'computing…', box);
-    const label = this.gap > 0 ? `${digits(this.gap * factor, 4)} ${unit}` : 'unknown';
-    Object.assign(this.canvas, { ariaValueMin: this.low, ariaValueMax: this.high, ariaValueNow: this.gap || 0, ariaValueText: `gap ${label}, Xmax over A ${digits(this.measured, 3)}` });
+    write(this.note, branches.length ? '' : curve?.text || this.store.theory.failed || 'computing…');
+    const there = this.gap > 0 ? `${digits(this.gap * factor, 4)} ${unit}` : 'unknown';
+    Object.assign(this.canvas, { ariaValueMin: this.low, ariaValueMax: this.high, ariaValueNow: this.gap || 0, ariaValueText: `gap ${there}, Xmax over A ${digits(measured, 3)}` });
   }
 
   /** Special points as rings; the pointer names them. */
@@ -193,9 +182,7 @@ export const mount = (root, store, actions) => {
   const panel = new GapCurve(canvas, store, (gap) => actions.turn({ gap }));
   store.on('theory', () => {
     const { gap, bound } = store.theory.best;
-    const text = gap > 0 ? `best gap ${bound && `${bound} `}${withUnit(gap, 'm')}` : '';
-    write(line, text);
-    mark(line, 'title', text);
+    writeLine(line, gap > 0 ? `best gap ${bound && `${bound} `}${withUnit(gap, 'm')}` : '');
   });
   store.on('numbers values change preset', () => { panel.stale = true; });
   return panel;

@@ -2,7 +2,7 @@
 // Impact map: velocity of m after each impact over the phase of the force.
 
 import { Axes, colours, plain, plotPanel, SteadyRange, stopColour } from '../chart.js';
-import { mark, write } from '../dom.js';
+import { write, writeLine } from '../dom.js';
 import { niceAbove, velocityUnit } from '../format.js';
 
 const MOST_DOTS = 1500;
@@ -56,8 +56,7 @@ class ImpactMap extends Axes {
         this.dot(toX(phase[n]), toY(damper[n]), stopColour(stop[n]), 4);
       }
     });
-    if (!impacts.length) this.say('no impact yet', box, 0.75);
-    else if (!Number.isFinite(phase[impacts.end - 1])) this.say('no force: no phase', box, 0.75);
+    write(this.note, !impacts.length ? 'no impact yet' : Number.isFinite(phase[impacts.end - 1]) ? '' : 'no force: no phase');
   }
 }
 
@@ -65,11 +64,6 @@ class ImpactMap extends Axes {
 export const mount = (root, store) => {
   const { canvas, line } = plotPanel(root, 'map', 'impact-map', 'Impact map: velocity of m after each impact over the phase of the force');
   const panel = new ImpactMap(canvas, store);
-  store.on('theory', () => {
-    const { title } = store.theory;
-    write(line, title);
-    // Where it is too long for its panel
-    mark(line, 'title', title);
-  });
+  store.on('theory', () => writeLine(line, store.theory.title));
   return panel;
 };

@@ -6,6 +6,8 @@ import { capital, digits, typed, withUnit } from '../format.js';
 import { term } from '../glossary.js';
 import { readTyped, SliderScale } from '../slider.js';
 
+/** @import { Answer, Descriptor, Values } from '../messages.js' */
+
 const GROUPS = [['rig', 'Rig'], ['forcing', 'Force'], ['control', 'Gap control'], ['run', 'Run']];
 
 /** One knob: a label, a number, and for the first ones a slider. */
@@ -104,7 +106,7 @@ class Knob {
       }
       this.dragging = true;
       const number = this.scale.at(Number(this.range.value) / 1000);
-      this.input.value = typed(number, 1e-4);
+      this.input.value = typed(number, 5);
       this.sendNumber(number);
     };
     this.range = element('input', {
@@ -218,7 +220,7 @@ class Knob {
     else if (type === 'string') this.write(this.value);
     else if (type === 'double_array' && !this.firstOnly) {
       this.write(this.value.map((one) => typed(one * this.shown.factor)).join(', '));
-    } else if (force || !this.dragging) this.write(typed(this.number, type === 'integer' ? 1e-15 : 5e-6));
+    } else if (force || !this.dragging) this.write(typed(this.number, type === 'integer' ? 15 : 6));
     write(this.unit, this.unitText());
     if (this.range && !this.dragging) {
       this.range.value = String(Math.round(1000 * this.scale.of(this.number)));
@@ -238,18 +240,16 @@ class Knob {
 }
 
 export class Knobs {
-  /**
-   * @param {import('../store.js').Store} store
-   * @param {(values: import('../messages.js').Values) => Promise<import('../messages.js').Answer>} set
-   */
-  constructor(store, set) {
+  knobs = /** @type {Knob[]} */ ([]);
+
+  descriptors = /** @type {Descriptor[]} */ ([]);
+
+  /** Whether the values are only shown. */
+  locked = false;
+
+  constructor(/** @type {import('../store.js').Store} */ store, /** @type {(values: Values) => Promise<Answer>} */ set) {
     this.store = store;
     this.set = set;
-    /** @type {Knob[]} */
-    this.knobs = [];
-    /** Whether the values are only shown. */
-    this.locked = false;
-    this.descriptors = /** @type {import('../messages.js').Descriptor[]} */ ([]);
     byId('knob-search').addEventListener('input', () => this.filter());
     byId('more-knobs').addEventListener('toggle', () => this.makeRest());
   }

@@ -2,7 +2,7 @@
 // Plots as files for a slide: PNG in double size, or SVG, with their units and the values of the rig.
 
 import { colours, font } from '../chart.js';
-import { byId, element, toast } from '../dom.js';
+import { byId, element } from '../dom.js';
 import { SvgContext } from '../svg.js';
 import { rigInWords } from '../words.js';
 
@@ -38,10 +38,6 @@ function save(content, name) {
 export const mount = (root, store, _actions, plots) => {
   /** Save a plot as a file of a kind. */
   const write = (title, name, plot, kind, panel = plot) => {
-    if (!(plot.width > 4)) {
-      toast(`${title} is not shown.`, 'bad');
-      return;
-    }
     const { width, height } = plot;
     const rig = rigInWords(store.values);
     const canvas = document.createElement('canvas');

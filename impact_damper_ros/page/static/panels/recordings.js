@@ -4,11 +4,6 @@
 import { byId, copyOf, mark, toast, write } from '../dom.js';
 import { bytes, clock } from '../format.js';
 
-/** Day and time of a recording; a simulated run begins at zero and has none. */
-function dated(start) {
-  return start > 1e9 ? new Date(1000 * start).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' }) : null;
-}
-
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
   const { connection } = actions;
@@ -32,9 +27,13 @@ export const mount = (root, store, actions) => {
 
   /** Return the row of a recording with what is known of it now. */
   const rowOf = (one, row) => {
-    const about = [dated(one.start), clock(one.duration ?? NaN), bytes(one.size), one.files > 1 ? `${one.files} files: to copy them, copy the directory` : null, one.whole ? null : 'not ended'];
     write(row.querySelector('strong'), one.name);
-    write(row.querySelector('p'), about.filter((text) => text !== null && text !== '–').join(' · '));
+    write(row.querySelector('p'), [
+      // A simulated run begins at zero and has no day.
+      one.start > 1e9 ? new Date(1000 * one.start).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' }) : '',
+      one.duration === null ? '' : clock(one.duration), bytes(one.size),
+      one.files > 1 ? `${one.files} files: to copy them, copy the directory` : '', one.whole ? '' : 'not ended',
+    ].filter(Boolean).join(' · '));
     row.querySelector('[download]').hidden = one.files !== 1;
     const since = busy.get(one.name);
     const button = row.querySelector('[data-compare]');
@@ -50,7 +49,8 @@ export const mount = (root, store, actions) => {
     // Rows stay where they are, and the same: somebody may be about to press a button.
     const known = Object.fromEntries([...place.children].map((row) => [row.dataset.name, row]));
     const rows = list.map((one) => rowOf(one, known[one.name] ?? made(one.name)));
-    if (rows.length !== place.children.length || rows.some((row, n) => row !== place.children[n])) place.replaceChildren(...rows);
+    for (const row of [...place.children]) if (!rows.includes(row)) row.remove();
+    rows.forEach((row, n) => { if (row !== place.children[n]) place.insertBefore(row, place.children.item(n)); });
   };
 
   /** Compare a recording with theory, or cancel that. */

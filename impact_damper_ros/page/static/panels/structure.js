@@ -21,7 +21,7 @@ function fail(name = '', reason = '') {
   if (elsewhere) write(byId('structure-gap'), '');
 }
 
-function show(design, values) {
+function show(design) {
   const { gap, x_max: left, without, mass_damper: other } = design;
   const rows = all('#structure-result .ratios div');
   write(byId('structure-gap'), `Best gap ${withUnit(gap, 'm')}, with ${withUnit(1000 * design.damper_mass, 'g')}`);
@@ -32,22 +32,9 @@ function show(design, values) {
       : `A gap of ${withUnit(design.best_gap, 'm')} would leave ${withUnit(design.best_x_max, 'm')}, but from rest the rig does not come to that motion: m would need a push.`,
     levels: `m hits a stop at up to ${withUnit(design.impact_speed, 'm/s', 2)}. With the best gap the motion lasts for levels from ${digits(design.level_low, 2)} to ${digits(design.level_high, 3)} times this one.`,
     note: design.note,
-    command: command(values),
+    command: design.command,
   };
   for (const place of all('#structure-result [data-text]')) write(place, texts[place.dataset.text]);
-}
-
-/** The command that designs the same damper. */
-function command(values) {
-  const given = typed();
-  const text = (name, unit) => {
-    const plain = given[name].trim().replace(/\s+/g, '').replace(',', '.');
-    return /[a-z%]$/i.test(plain) ? plain : plain + unit;
-  };
-  const base = given.shaken === 'acceleration' ? 'g' : 'mm';
-  const shaken = values.base_amplitudes.some(Boolean) ? `--base ${text('size', base)}` : `--force ${digits(values.force_amplitudes[0], 4)}`;
-  const structure = `--mass ${text('mass', 'kg')} --frequency ${text('frequency', 'Hz')} --damping-ratio ${text('damping', '%')}`;
-  return `design_damper ${structure} ${shaken} --restitution ${text('restitution', '')}`;
 }
 
 /** @type {import('../screen.js').Mount} */
@@ -64,7 +51,7 @@ export const mount = (root, store, actions) => {
       } while (JSON.stringify(values) !== JSON.stringify(typed()));
       looking = null;
       fail(answer.field, answer.ok ? '' : answer.reason);
-      if (answer.ok) show(answer.design, answer.values);
+      if (answer.ok) show(answer.design);
       return answer;
     };
     looking ??= ask();
