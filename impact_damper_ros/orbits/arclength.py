@@ -35,7 +35,7 @@ from .closed_flights import (
     coordinates,
     vary,
 )
-from .monodromy import write_monodromy
+from .multipliers import write_monodromy
 from .newton import newton, write_tangent
 from .viability import judge
 

@@ -160,10 +160,10 @@ UNITS, MARKS, RIG, PATH, SLOPE, HISTORY = range(6)
 #: ... vectors of m + 1 numbers: the unknowns, without dimension, and the parameter along the path;
 #: residuals, steps and other places; ...
 PLACE, VALUE, STEP, AHEAD, BEHIND, BEST, NORMAL, GUESS, TANGENT = range(6, 15)
-#: ... square matrices: three for products of deviations and ...
+#: ... square matrices: two for products of deviations and ...
 FRAME, SIDE = 15, 6
 #: ... the derivative of the equations, space to solve them, and the derivative at the best place.
-ROWS = FRAME + 3 * SIDE
+ROWS = FRAME + 2 * SIDE
 DERIVATIVE, SPACE, BEST_DERIVATIVE = range(3)
 #: Units of displacements, m, and velocities, m/s; the period in cycles; whether only contacts
 #: depend on the parameter; and of the path, the lines that have the motion of the base in place of

@@ -2,7 +2,7 @@
 """
 The largest Lyapunov exponent of a run.
 
-`multipliers` gives a matrix for every flight and event of a run [1]_, and the exponent is the mean
+Each flight and event of a run has a matrix, as in `multipliers` [1]_, and the exponent is the mean
 growth of a deviation that is normalised again and again [2]_. The matrices do not include the
 response of a gap control to a deviation: under control no exponent is measured.
 
@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.motion.event import IMPACT, REST_EVENT, REVERSAL_EVENT, STICK_EVENT
 from impact_damper_ros.motion.kernels import call_kernel, kernel
 from impact_damper_ros.motion.state import STICK, RigConstants
 
@@ -30,12 +31,15 @@ from .flight_integrals import (
     EQUATION_DAMPED,
     EQUATION_DECAY,
     EQUATION_MOVES,
+    EQUATION_PUSH,
+    EQUATION_SHARE,
+    EQUATION_SLIDE,
     EQUATION_SQUARE,
     FLIGHT_ACTIVE,
     harmonic_at,
 )
 from .flights import packed_constants
-from .multipliers import U, V, X, Y, write_event_matrix
+from .multipliers import U, V, X, Y, multiply_columns, write_saltation
 
 Array = NDArray[np.float64]
 
@@ -76,17 +80,24 @@ def carry_by_flight(equation: Any, mode: int, span: float, columns: Any) -> None
 
 
 @kernel
-def carry_by_event(matrix: Any, columns: Any) -> None:
-    """Multiply deviations by the matrix of an event."""
-    for c in range(columns.shape[1]):
-        x = columns[X, c]
-        v = columns[V, c]
-        y = columns[Y, c]
-        u = columns[U, c]
-        for i in range(4):
-            columns[i, c] = (
-                matrix[i, X] * x + matrix[i, V] * v + matrix[i, Y] * y + matrix[i, U] * u
-            )
+def write_rates(
+    equation: Any, share: float, force: float, x: float, velocity: float, damper: float, rates: Any
+) -> None:
+    """
+    Write the rates of a state in a flight, given its equation and the force on M, N.
+
+    In the rest of a chatter, whose impacts are not resolved, both have their common velocity.
+    """
+    moves = equation[EQUATION_MOVES]
+    relative = damper - velocity
+    if moves == 0.0:
+        velocity += share * relative
+    acceleration = equation[EQUATION_PUSH] + equation[EQUATION_SHARE] * force
+    acceleration -= 2.0 * equation[EQUATION_DECAY] * velocity + equation[EQUATION_SQUARE] * x
+    rates[X] = velocity
+    rates[V] = acceleration
+    rates[Y] = moves * relative
+    rates[U] = moves * (equation[EQUATION_SLIDE] - acceleration)
 
 
 @kernel
@@ -125,6 +136,7 @@ def carry_deviations(
     anew: bool,
     rate: float,
     columns: Any,
+    rates: Any,
     matrix: Any,
     growth: Any,
     products: Any,
@@ -148,14 +160,41 @@ def carry_deviations(
                     columns[i, c] = 1.0 if i == c else 0.0
         while k < len(equations) and times[k] <= ends[part]:
             carry_by_flight(equations[k - 1], rows['mode'][k - 1], times[k] - now, columns)
-            force = 0.0
-            for j in range(len(lines)):
-                size, _, phase = harmonic_at(flights[k], lines, j, 0.0)
-                force += size * sin(phase)
-            before = force + flights[k - 1, FLIGHT_ACTIVE]
-            after = force + flights[k, FLIGHT_ACTIVE]
-            write_event_matrix(constants, rows, k, equations, before, after, matrix)
-            carry_by_event(matrix, columns)
+            kind = rows['kind'][k]
+            if kind in (IMPACT, REVERSAL_EVENT, STICK_EVENT, REST_EVENT):
+                force = 0.0
+                for j in range(len(lines)):
+                    size, _, phase = harmonic_at(flights[k], lines, j, 0.0)
+                    force += size * sin(phase)
+                write_rates(
+                    equations[k - 1],
+                    constants.share,
+                    force + flights[k - 1, FLIGHT_ACTIVE],
+                    rows['x'][k],
+                    rows['primary_velocity_before'][k],
+                    rows['damper_velocity_before'][k],
+                    rates[0],
+                )
+                write_rates(
+                    equations[k],
+                    constants.share,
+                    force + flights[k, FLIGHT_ACTIVE],
+                    rows['x'][k],
+                    rows['primary_velocity_after'][k],
+                    rows['damper_velocity_after'][k],
+                    rates[1],
+                )
+                restitution = -1.0
+                if kind == IMPACT:
+                    restitution = (
+                        constants.restitution_1
+                        if rows['stop'][k] == 1
+                        else constants.restitution_2
+                    )
+                    # A plastic impact, or the cut of a chatter, where all further impacts are one
+                    restitution *= equations[k, EQUATION_MOVES]
+                write_saltation(constants, restitution, rates[0], 0, rates[1], 0, matrix, 0)
+                multiply_columns(matrix, 0, columns, 0, columns.shape[1])
             growth[part] += scaled_down(columns, rate)
             now = times[k]
             k += 1
@@ -188,7 +227,8 @@ class Deviations:
         run, constants = self.flights, packed_constants(self.flights.rig)
         call_kernel(
             *(carry_deviations, constants, run.rows, run.equation_rows, run.columns, run.lines),
-            *(self.start, ends, anew, rate, columns.copy(), np.empty((6, 4)), growth, products),
+            *(self.start, ends, anew, rate, columns.copy(), np.empty((2, 4))),
+            *(np.empty((4, 4)), growth, products),
         )
         return products, growth
 

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Rates of the state in flights and at events, and the matrices that carry deviations.
+The matrices that carry deviations through events and over a period, and the multipliers.
 
-The state is (X, X', Y, Y'). A flight carries deviations at a fixed instant by its free vibration.
-An event at a surface h = 0 carries them by its saltation matrix
+The state is (X, X', Y, Y'). A flight carries deviations at a fixed instant by its free vibration,
+Phi. An event at a surface h = 0 carries them by its saltation matrix
 
     S = D + (f+ - D f-) grad h / (grad h . f-),
 
-with D the derivative of the jump and f the rate of the state before and after [1]_ [2]_.
+with D the derivative of the jump and f the rate of the state before and after [1]_ [2]_. The
+monodromy matrix of a periodic motion is the product of these matrices over a period, and the
+multipliers are its eigenvalues.
 
 References
 ----------
@@ -22,27 +24,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.event import IMPACT, REST_EVENT, REVERSAL_EVENT, STICK_EVENT
+from impact_damper_ros.motion.event import IMPACT
 from impact_damper_ros.motion.impact import bounce, rebound_slopes
 from impact_damper_ros.motion.kernels import kernel
-from impact_damper_ros.motion.state import RigConstants
+from impact_damper_ros.motion.state import STICK, RigConstants
 from impact_damper_ros.rig.run_result import Events
 
-from .flight_integrals import (
-    EQUATION_DECAY,
-    EQUATION_MOVES,
-    EQUATION_PUSH,
-    EQUATION_SHARE,
-    EQUATION_SLIDE,
-    EQUATION_SQUARE,
+from .closed_flights import (
+    FRAME,
+    MATRIX,
+    RATE_END,
+    RATE_START,
+    SIDE,
+    Problem,
+    restitution_at,
 )
 from .response import Array
 
-Mask = NDArray[np.bool_]
 X, V, Y, U = range(4)
 
 
-def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple[Array, Array]:
+def velocities_of(
+    events: Events, side: str, joint: NDArray[np.bool_], share: float
+) -> tuple[Array, Array]:
     """
     Return X' and Y' on one side of events, in flights that may be joint ones.
 
@@ -57,81 +61,107 @@ def velocities_of(events: Events, side: str, joint: Mask, share: float) -> tuple
 
 
 @kernel
-def write_rates(
-    equation: Any, side: Any, force: float, x: float, velocity: float, relative: float
-) -> None:
-    """Write the rates of a state in a flight, given its equation and the force on M, N."""
-    acceleration = equation[EQUATION_PUSH] + equation[EQUATION_SHARE] * force
-    acceleration -= 2.0 * equation[EQUATION_DECAY] * velocity + equation[EQUATION_SQUARE] * x
-    side[X] = velocity
-    side[V] = acceleration
-    side[Y] = equation[EQUATION_MOVES] * relative
-    side[U] = equation[EQUATION_MOVES] * (equation[EQUATION_SLIDE] - acceleration)
-
-
-@kernel
-def write_event_matrix(
+def write_saltation(
     constants: RigConstants,
-    rows: Any,
-    k: int,
-    equations: Any,
-    force_before: float,
-    force_after: float,
+    restitution: float,
+    before: Any,
+    end: int,
+    after: Any,
+    start: int,
     matrix: Any,
+    row: int,
 ) -> None:
     """
-    Write the matrix that carries deviations through the event of a row.
+    Write the matrix that carries deviations through an event, from a row on.
 
-    The forces act on M (N), and the equations are those of all flights. Rows of the matrix beyond
-    the fourth are room for the rates before and after. At an event that is no impact, the relative
-    velocity becomes zero. A deviation does not move an event whose time does not depend on the
-    state, nor one where m stuck or rested: its relative acceleration is zero there.
+    The rates of the state are those before, from the place `end` on, and after the event, from the
+    place `start` on. `restitution` is the coefficient of an impact, and negative at other events,
+    where the relative velocity becomes zero. A deviation does not move an event where m stuck or
+    rested: its relative rates are zero there.
     """
-    kind = rows['kind'][k]
-    impact = kind == IMPACT
+    impact = restitution >= 0.0
     slide = 0.0
     stay = 1.0
     if impact:
-        restitution = constants.restitution_1 if rows['stop'][k] == 1 else constants.restitution_2
-        if equations[k, EQUATION_MOVES] == 0.0:
-            # A plastic impact, or the cut of a chatter, where all further impacts count as one.
-            restitution = 0.0
-        approach = rows['damper_velocity_before'][k] - rows['primary_velocity_before'][k]
-        _, slope = bounce(constants, restitution, abs(approach))
+        _, slope = bounce(constants, restitution, abs(before[end + Y]))
         slide, stay = rebound_slopes(constants.share, slope)
-    for side in range(2):
-        if side == 0:
-            force = force_before
-            velocity = rows['primary_velocity_before'][k]
-            relative = rows['damper_velocity_before'][k] - velocity
-        else:
-            force = force_after
-            velocity = rows['primary_velocity_after'][k]
-            relative = rows['damper_velocity_after'][k] - velocity
-        equation = equations[k - 1 + side]
-        if equation[EQUATION_MOVES] == 0.0:
-            # In the rest of a chatter, whose impacts are not resolved, both have one velocity.
-            velocity += constants.share * relative
-        write_rates(equation, matrix[4 + side], force, rows['x'][k], velocity, relative)
-    before = matrix[4]
-    after = matrix[5]
     normal = Y if impact else U
-    crosses = impact or kind in (REVERSAL_EVENT, STICK_EVENT, REST_EVENT)
+    across = before[end + normal]
+    drop = before[end + U]
     for i in range(4):
-        for j in range(4):
-            matrix[i, j] = 1.0 if i == j else 0.0
-    matrix[V, U] = slide
-    matrix[U, U] = stay
-    if crosses and before[normal] != 0.0:
-        across = before[normal]
-        drop = before[U]
+        for k in range(4):
+            matrix[row + i, k] = 1.0 if i == k else 0.0
+    matrix[row + V, U] = slide
+    matrix[row + U, U] = stay
+    for i in range(4):
+        rate = before[end + i]
+        if i == V:
+            rate += slide * drop
+        elif i == U:
+            rate = stay * drop
+        if across != 0.0:
+            matrix[row + i, normal] += (after[start + i] - rate) / across
+
+
+@kernel
+def multiply_columns(matrix: Any, row: int, columns: Any, first: int, count: int) -> None:
+    """Multiply deviations, columns of four rows, by a matrix; both begin at a row of an array."""
+    for c in range(count):
+        x = columns[first, c]
+        v = columns[first + 1, c]
+        y = columns[first + 2, c]
+        u = columns[first + 3, c]
         for i in range(4):
-            rate = before[i]
-            if i == V:
-                rate += slide * drop
-            elif i == U:
-                rate = stay * drop
-            matrix[i, normal] += (after[i] - rate) / across
+            columns[first + i, c] = (
+                matrix[row + i, X] * x
+                + matrix[row + i, V] * v
+                + matrix[row + i, Y] * y
+                + matrix[row + i, U] * u
+            )
+
+
+@kernel
+def write_monodromy(problem: Problem) -> int:
+    """
+    Write the derivative of the state after a node by itself, a period later, into the first frame.
+
+    The node is that after which the state has the fewest free coordinates; the result is their
+    number. They are the first coordinates: a state of sticking has no relative velocity, one of
+    rest no displacement of m either.
+    """
+    nodes, table, sheet = problem.nodes, problem.table, problem.sheet
+    count = len(nodes)
+    first = 0
+    size = 5
+    for j in range(count):
+        free = 4 if nodes[j].resting == 0 else 3 if nodes[j].resting == STICK else 2
+        if free < size:
+            size = free
+            first = j
+    jump = FRAME + SIDE
+    for i in range(4):
+        for k in range(4):
+            sheet[FRAME + i, k] = 1.0 if i == k else 0.0
+    for b in range(count):
+        j = (first + b) % count
+        after = (j + 1) % count
+        for i in range(4):
+            for k in range(4):
+                sheet[jump + i, k] = table[j, MATRIX + 4 * i + k]
+        multiply_columns(sheet, jump, sheet, FRAME, 4)
+        restitution = restitution_at(problem, after) if nodes[after].kind == IMPACT else -1.0
+        write_saltation(
+            problem.moving.constants,
+            restitution,
+            table[j],
+            RATE_END,
+            table[after],
+            RATE_START,
+            sheet,
+            jump,
+        )
+        multiply_columns(sheet, jump, sheet, FRAME, 4)
+    return size
 
 
 def multipliers_of(matrix: Array) -> tuple[complex, ...]:
