@@ -11,6 +11,7 @@ import numpy as np
 
 from impact_damper_ros.orbits.arguments import OrbitError, check_forcing
 from impact_damper_ros.orbits.flight_arrays import Drive
+from impact_damper_ros.orbits.flight_integrals import EQUATION_PUSH, EQUATION_SQUARE
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind, Period
 from impact_damper_ros.orbits.ring_down import is_free, recorded_ring_down
@@ -162,7 +163,8 @@ def _free_vibration(stretch: RecordedStretch, *, joined: bool) -> float:
     rig, flights = stretch.parameters, stretch.flights
     mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
     last, tau = np.array([len(flights) - 1]), flights.spans[-1:]
-    steady, speed = (flights.equations.push / flights.equations.stiffness)[last], 0.0
+    push, square = flights.equations[last][:, [EQUATION_PUSH, EQUATION_SQUARE]].T
+    steady, speed = push / square, 0.0
     for number, amplitude in enumerate(rig.harmonics[0]):
         if amplitude:
             force, rate = flights.line(number, last)

@@ -32,6 +32,7 @@ from impact_damper_ros.rig.snapshot import Snapshot
 
 from .flight_integrals import (
     EQUATION_COLUMNS,
+    EQUATION_SLIDE,
     FLIGHT_ACTIVE,
     FLIGHT_BEGIN,
     FLIGHT_COLUMNS,
@@ -45,7 +46,7 @@ from .flight_integrals import (
     integrate_flights,
     write_flight_equations,
 )
-from .flights import Machine, machine_of, packed_constants
+from .flights import machine_of, packed_constants
 from .response import Array, forced_response, unit_response
 
 Mask = NDArray[np.bool_]
@@ -118,23 +119,6 @@ def _together(rows: Events) -> Mask:
     latest = _last_known(decided, np.where(known, 0, kind).astype(np.int64))
     chatter: Mask = together | (coming & (latest == EventKind.IMPACT))
     return chatter
-
-
-class FlightEquations(NamedTuple):
-    """
-    The equations of motion in flights.
-
-    X'' = push + share F - 2 decay X' - stiffness X, with the force F on M; and Z'' = slide, where
-    m moves by itself.
-    """
-
-    decay: Array
-    damped: Array  # frequency of the free vibration, rad/s
-    stiffness: Array
-    push: Array
-    share: Array  # 1/kg
-    slide: Array
-    moves: Array  # 1 where m moves by itself, 0 where it moves as one with M
 
 
 class Drive(NamedTuple):
@@ -228,8 +212,9 @@ class Flights:
             if steps is not None:
                 begins: Mask = rows['kind'] == EventKind.FREQUENCY_STEP
                 first = steps[np.cumsum(begins)]
-                turned = np.cumsum(first[:-1, 1] * np.diff(rows['time']))
-                angle = drive.angles[0] + np.append(0.0, turned)
+                rates = np.append(first[:1, 1], first[:-1, 1])
+                spans = np.diff(rows['time'], prepend=drive.time)
+                angle = drive.angles[0] + np.cumsum(rates * spans)
             else:
                 angle = drive.angles[0] + drive.frequencies[0] * (rows['time'] - drive.time)
         pushed, force = rows['kind'] == EventKind.FORCE_STEP, np.full(len(rows), active)
@@ -269,11 +254,6 @@ class Flights:
         columns = (getattr(self, f.name)[begin : end + 1] for f in fields(self)[3:])
         return Flights(self.rig, self.rows[begin : end + 1], self.drive, *columns)
 
-    @cached_property
-    def machine(self) -> Machine:
-        """Constants of the rig."""
-        return machine_of(self.rig)
-
     @property
     def starts(self) -> Array:
         """Instants at which the flights begin, s."""
@@ -286,8 +266,8 @@ class Flights:
         return np.diff(self.rows['time'])
 
     @cached_property
-    def equation_rows(self) -> Array:
-        """The equations of motion in the flights, as rows of `write_flight_equations`."""
+    def equations(self) -> Array:
+        """The equations of motion without the active force, by `EQUATION_` columns."""
         equations = np.empty((len(self), EQUATION_COLUMNS))
         call_kernel(
             write_flight_equations,
@@ -298,11 +278,6 @@ class Flights:
             equations,
         )
         return equations
-
-    @cached_property
-    def equations(self) -> FlightEquations:
-        """The equations of motion in the flights, without the active force."""
-        return FlightEquations(*self.equation_rows.T)
 
     def drive_after(self) -> Drive | None:
         """Return the force at the last row."""
@@ -319,16 +294,6 @@ class Flights:
         """The impacts among the rows."""
         hits: Events = self.rows[self.rows['kind'] == EventKind.IMPACT]
         return hits
-
-    def force(self, time: Array) -> Array:
-        """Return the acceleration of M alone by the harmonics at some times, m/s^2."""
-        assert self.drive is not None
-        constants, lines = self.machine
-        force = np.zeros(len(time))
-        for line, angle in zip(lines[: constants.harmonics], self.drive.angles, strict=True):
-            since = line.frequency * (time - self.drive.time)
-            force += line.force * np.sin(since + (line.phase + angle))
-        return force
 
     @cached_property
     def _harmonics(self) -> tuple[tuple[float, ...], ...]:
@@ -364,7 +329,7 @@ class Flights:
         """Return X, X', X'' and the force (N) in flights, times (s) after their beginnings."""
         assert self.drive is not None
         begin = self.rows[:-1][index]
-        decay, damped, stiffness, push, share, _, _ = self.equation_rows[index].T
+        decay, damped, stiffness, push, share, _, _ = self.equations[index].T
         push = push + share * self.active[index]
         less, impulse, slope = unit_response(decay, damped, tau)
         x_0, v_0 = begin['x'] - push / stiffness, begin['primary_velocity_after']
@@ -387,7 +352,7 @@ class Flights:
         self, index: NDArray[np.intp], tau: Array, x: Array, velocity: Array
     ) -> tuple[Array, Array]:
         """Return Y and Y' at times in flights, from X and X' at these times."""
-        begin, fall = self.rows[:-1][index], self.equations.slide[index]
+        begin, fall = self.rows[:-1][index], self.equations[index, EQUATION_SLIDE]
         speed: Array = begin['damper_velocity_after']
         relative = np.subtract(speed, begin['primary_velocity_after'])
         z = np.add(begin['x'], begin['y']) + tau * (speed + 0.5 * tau * fall)
@@ -470,7 +435,7 @@ class Flights:
         if self.drive is not None:
             rates = [rig.omega, *rig.harmonics[1]]
             fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
-            arrays = rows, self.equation_rows, self.columns, self.lines, GAUSS_POINTS
+            arrays = rows, self.equations, self.columns, self.lines, GAUSS_POINTS
             numbers = fastest, rig.damping, shaken
             call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
         else:
@@ -479,7 +444,7 @@ class Flights:
         if shaken and self.drive is not None and len(self):
             force += float(np.diff(self._spring_energy())[0])
         rise = np.diff(rows['y'])
-        grip = self.machine.constants.grip * rig.damper_mass
+        grip = machine_of(rig).constants.grip * rig.damper_mass
         friction = grip * float(np.abs(rise[~self.together[:-1]]).sum())
         air = rig.air_force * float(np.sum(_AWAY[self.stop[:-1]] * rise))
         hits = rows[1:]
@@ -565,10 +530,16 @@ class FlightStart(NamedTuple):
         drive = Drive(state.run.time, tuple(state.angles), rig.parameters.harmonics[1])
         return cls(_row_of(rig, state), drive, state.run.force)
 
-    def flights(self, rig: Rig, events: Events) -> Flights:
-        """Return the flights to the present state of the rig, given all events on the way."""
-        rows = one_table(self.row, events, row_of_rig(rig))
-        return Flights.between(rig.parameters, rows, self.drive, active=self.active)
+    def flights(
+        self,
+        parameters: RigParameters,
+        events: Events,
+        last: Events,
+        steps: Array | None = None,
+    ) -> Flights:
+        """Return the flights to a last row, given all events on the way; see `Flights.between`."""
+        rows = one_table(self.row, events, last)
+        return Flights.between(parameters, rows, self.drive, steps, self.active)
 
 
 def run_flights(rig: Rig, end: float) -> Flights:
@@ -605,4 +576,4 @@ def run_flights(rig: Rig, end: float) -> Flights:
     run = rig.run(end)
     if run.outcome is not Outcome.COMPLETE:
         raise RunawayError(run.reason)
-    return begin.flights(rig, run.events)
+    return begin.flights(rig.parameters, run.events, row_of_rig(rig))

@@ -133,7 +133,6 @@ def carry_deviations(
     lines: Any,
     start: float,
     ends: Any,
-    anew: bool,
     rate: float,
     columns: Any,
     rates: Any,
@@ -145,7 +144,7 @@ def carry_deviations(
     Carry deviations through parts of a stretch, given their ends; write each, and its growth.
 
     The deviations are scaled to the size 1 (`scaled_down`), and `growth` is the logarithm of the
-    factor. They begin each part `anew` as unit vectors, or continue from the part before.
+    factor.
     """
     now = start
     times = rows['time']
@@ -154,10 +153,6 @@ def carry_deviations(
         k += 1
     for part in range(len(ends)):
         growth[part] = 0.0
-        if anew:
-            for i in range(4):
-                for c in range(4):
-                    columns[i, c] = 1.0 if i == c else 0.0
         while k < len(equations) and times[k] <= ends[part]:
             carry_by_flight(equations[k - 1], rows['mode'][k - 1], times[k] - now, columns)
             kind = rows['kind'][k]
@@ -208,32 +203,6 @@ def carry_deviations(
 
 
 @dataclass(frozen=True)
-class Deviations:
-    """
-    The flights and events that carry deviations of (X, X', Y, Y') through a part of a run.
-
-    The run, whose rows have modes, may begin before the part and reach beyond it.
-    """
-
-    flights: Flights
-    start: float  # s
-    end: float
-
-    def carry(
-        self, ends: Array, columns: Array, rate: float, *, anew: bool = False
-    ) -> tuple[Array, Array]:
-        """Return deviations at the ends of parts, scaled to 1, and the logarithms of growths."""
-        growth, products = np.zeros(len(ends)), np.zeros((len(ends), *columns.shape))
-        run, constants = self.flights, packed_constants(self.flights.rig)
-        call_kernel(
-            *(carry_deviations, constants, run.rows, run.equation_rows, run.columns, run.lines),
-            *(self.start, ends, anew, rate, columns.copy(), np.empty((2, 4))),
-            *(np.empty((4, 4)), growth, products),
-        )
-        return products, growth
-
-
-@dataclass(frozen=True)
 class Exponent:
     """A largest Lyapunov exponent."""
 
@@ -246,29 +215,48 @@ class Exponent:
         return self.uncertainty / _STUDENT
 
 
-def monodromy_of(along: Deviations, ends: Array) -> Array:
-    """Return the product of the matrices over each part of a stretch, given the parts' ends, s."""
-    products, growth = along.carry(ends, np.eye(4), 1.0, anew=True)
-    return products * np.exp(growth)[:, None, None]
+def _carried(
+    flights: Flights, start: float, ends: Array, columns: Array, rate: float
+) -> tuple[Array, Array]:
+    """Return deviations at the ends of parts, scaled to 1, and the logarithms of growths."""
+    growth, products = np.zeros(len(ends)), np.zeros((len(ends), *columns.shape))
+    call_kernel(
+        *(carry_deviations, packed_constants(flights.rig), flights.rows, flights.equations),
+        *(flights.columns, flights.lines, start, ends, rate, columns, np.empty((2, 4))),
+        *(np.empty((4, 4)), growth, products),
+    )
+    return products, growth
 
 
-def growth_exponent(along: Deviations, omega: float) -> Exponent:
+def monodromy_of(flights: Flights, start: float, end: float) -> Array:
     """
-    Return the largest Lyapunov exponent from the growth of one deviation.
+    Return the product of the matrices from one instant to another, s.
+
+    The run, whose rows have modes and whose stops do not move, may begin before and end later.
+    """
+    products, growth = _carried(flights, start, np.array([end]), np.eye(4), 1.0)
+    matrix: Array = products[0] * np.exp(growth[0])
+    return matrix
+
+
+def growth_exponent(flights: Flights, start: float, end: float) -> Exponent:
+    """
+    Return the largest Lyapunov exponent from the growth of one deviation in a stretch.
 
     The exponent is the mean growth of the logarithm over the last 20 of 21 parts of the stretch;
     in the first part the deviation turns into the direction that grows most. The uncertainty is
-    half of the 95 % interval of the mean of these parts. `omega` (rad/s) makes velocities
-    comparable with displacements.
+    half of the 95 % interval of the mean of these parts.
     """
-    ends = np.linspace(along.start, along.end, BATCHES + 2)[1:]
-    ends[-1] = along.end
+    ends = np.linspace(start, end, BATCHES + 2)[1:]
+    ends[-1] = end
+    # Makes velocities comparable with displacements
+    omega = flights.rig.omega
     # The deviation is neither symmetric nor along an axis, so that it has a part in every
     # direction.
     vector = np.array([0.6 / omega, 0.3, -0.5 / omega, 0.55])
     # Y and Y' are relative to X and X'..
     vector[[Y, U]] -= vector[[X, V]]
-    _, growth = along.carry(ends, vector[:, None], omega)
+    _, growth = _carried(flights, start, ends, vector[:, None], omega)
     if growth.min() == -math.inf:
         return Exponent(-math.inf, 0.0)
     rates = growth[1:] / np.diff(ends)

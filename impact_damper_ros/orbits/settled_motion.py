@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +18,9 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, one_table, rows_where
 
-from .flight_arrays import Drive, Flights, FlightStart, rows_of_samples
+from .flight_arrays import Flights, FlightStart, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
-from .lyapunov import Deviations, Exponent, growth_exponent, monodromy_of
+from .lyapunov import Exponent, growth_exponent, monodromy_of
 from .multipliers import multipliers_of
 from .orbit import PeriodicOrbit, Rhythm
 from .recurrence import (
@@ -84,9 +85,7 @@ def relative_states(samples: np.ndarray[Any, np.dtype[np.void]]) -> Array:
 class _Part(NamedTuple):
     """A part of a run between two comparisons."""
 
-    start: float
-    first: Events  # the state at its begin, as a row
-    active: float  # the active force there, N
+    begin: FlightStart
     events: Events
     section: Array  # states in each of its cycles
 
@@ -156,10 +155,8 @@ class SettledMotion:
     multiplier: float = math.nan
     indications: Indications | None = None
     reason: str
-    _first: Events
+    _begin: FlightStart
     _last: Events
-    _drive: Drive
-    _active: float
 
     def __repr__(self) -> str:
         """Return the motion in a line."""
@@ -178,7 +175,7 @@ class SettledMotion:
     @property
     def watched_from(self) -> float:
         """Time from which on `events` are known, s."""
-        return float(self._first['time'][0])
+        return float(self._begin.row['time'][0])
 
     @property
     def quiet(self) -> float:
@@ -195,12 +192,11 @@ class SettledMotion:
         return events_of_table(rows_where(chosen, self.events))
 
     @cached_property
-    def _flights(self) -> Flights:
+    def flights(self) -> Flights:
         """The cycles that were watched."""
-        rows = one_table(self._first, self.events, self._last)
+        flights = self._begin.flights(self.parameters, self.events, self._last)
         # The steps of a swept force are unknown.
-        drive = self._drive if self.parameters.sweep_mode == 'off' else None
-        return Flights.between(self.parameters, rows, drive, active=self._active)
+        return flights if self.parameters.sweep_mode == 'off' else replace(flights, drive=None)
 
     def phase(self, time: float) -> float:
         """Return the angle of the force's first harmonic at a time (s), in cycles."""
@@ -224,7 +220,7 @@ class SettledMotion:
     def x_max(self) -> float:
         """Largest |X|, m, exact: over the last period, or over all cycles watched."""
         span = math.inf if self.period is None else self.period.cycles * self.cycle
-        return self._flights.cut(self.end - span, self.end).integrals()[1]
+        return self.flights.cut(self.end - span, self.end).integrals()[1]
 
     @cached_property
     def orbit(self) -> PeriodicOrbit | None:
@@ -236,7 +232,7 @@ class SettledMotion:
         rhythm = self.rhythm
         if rhythm is None or self.period is None:
             return None
-        rig = counted_from_zero(self.parameters, self._drive.angles)
+        rig = counted_from_zero(self.parameters, self._begin.drive.angles)
         # The search begins at the strongest impact: round-off matters least there.
         hits = sorted(self.impacts, key=lambda event: -abs(event.impulse))
         for impact in hits[:_STARTS]:
@@ -245,14 +241,6 @@ class SettledMotion:
             if turned is not None and max(turned[1]) < _REACHED:
                 return turned[0]
         return None
-
-    def deviations(self, start: float, end: float) -> Deviations:
-        """
-        Return the flights that carry deviations from one watched time to another, s.
-
-        The stops must not move.
-        """
-        return Deviations(self._flights, start, end)
 
 
 def _kept_quiet(phases: Array, before: float) -> float:
@@ -276,10 +264,10 @@ class _SettlingRig:
         self.reason = ''
         self.parts: list[_Part] = []
         self.last = np.empty(0, EVENT_TYPE)
-        rates = parameters.harmonics[1]
         self._static = max(map(abs, parameters.harmonics[0]), default=0.0) / parameters.stiffness
-        self.drive = Drive(state.run.time, tuple(state.angles), rates)
-        self.turned = state.angles[0] + rates[0] * (self.start - state.run.time)
+        self.begin = FlightStart.of(rig)
+        since = self.start - self.begin.drive.time
+        self.turned = state.angles[0] + parameters.first_harmonic[1] * since
         turns = [rate * self.cycle / math.tau for rate in _active_rates(parameters)]
         self.driven = parameters.sweep_mode == 'off' and _repeat(turns, longest)
         law = rig.control
@@ -307,8 +295,9 @@ class _SettlingRig:
 
     def run(self, cycles: int) -> bool:
         """Run for some cycles; return whether that was possible."""
-        rig, begun = self.rig, self.time
-        first, _, active = FlightStart.of(rig)
+        rig = self.rig
+        # Angles are counted from the start of the run.
+        begin = FlightStart.of(rig)._replace(drive=self.begin.drive)
         # One rounding, so that the steps do not drift
         counts = self.cycles + np.arange(cycles)[:, None] + np.array([self._quiet, 1.0])
         instants = self.start + counts.ravel() * self.cycle
@@ -324,8 +313,7 @@ class _SettlingRig:
         size = float(np.abs(section[:, 0]).max() + np.ptp(section[:, 2]))
         if size < _SMALL * self._static:
             # M may pass zero at the ends of all cycles.
-            rows = one_table(first, result.events, self.last)
-            flights = Flights.between(self.parameters, rows, self.drive, active=active)
+            flights = begin.flights(self.parameters, result.events, self.last)
             size += flights.cut(self.time, math.inf).integrals()[1]
         # A rig without force has settled once its start has decayed.
         forced = bool(_active_rates(self.parameters))
@@ -336,12 +324,12 @@ class _SettlingRig:
             places = [samples[name] - samples['x'] for name in ('stop_1', 'stop_2')]
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
         self._section = np.concatenate([self._section, section])
-        self.parts.append(_Part(begun, first, active, result.events, quiet))
+        self.parts.append(_Part(begin, result.events, quiet))
         hits = result.impacts()['time']
         self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
         self.cycles += cycles
         oldest = self.start + (self.cycles - self._watch) * self.cycle
-        while len(self.parts) > 1 and self.parts[1].start <= oldest:
+        while len(self.parts) > 1 and self.parts[1].begin.row['time'][0] <= oldest:
             del self.parts[0]
         return True
 
@@ -363,9 +351,6 @@ class _SettlingRig:
 
     def result(self, kind: MotionKind, **fields: Any) -> SettledMotion:
         """Return the motion, given its kind and further fields."""
-        first, active = np.zeros(1, EVENT_TYPE), 0.0
-        if self.parts:
-            first, active = self.parts[0].first, self.parts[0].active
         return SettledMotion(
             kind=kind,
             parameters=self.parameters,
@@ -377,10 +362,8 @@ class _SettlingRig:
             event_count=self.events,
             section=np.concatenate([np.empty((0, 4)), *(s.section for s in self.parts)]),
             reason=self.reason,
-            _first=first,
+            _begin=self.parts[0].begin if self.parts else self.begin,
             _last=self.last,
-            _drive=self.drive,
-            _active=active,
             **fields,
         )
 
@@ -391,12 +374,18 @@ class _SettlingRig:
         if not motion.impacts:
             forced = bool(_active_rates(self.parameters))
             kind = MotionKind.NO_IMPACTS if forced else MotionKind.AT_REST
+        if self.rig.moves_stops:
+            return replace(motion, kind=kind)
+        # The period before gives the error.
         span, end = period.cycles * self.cycle, motion.end
-        exponent, multiplier = motion.exponent, motion.multiplier
-        if not self.rig.moves_stops:
-            along = motion.deviations(max(motion.watched_from, end - 2.0 * span), end)
-            exponent, multiplier = _periodic_exponent(along, span)
-        return replace(motion, kind=kind, exponent=exponent, multiplier=multiplier)
+        edges = max(motion.watched_from, end - 2.0 * span), end - span, end
+        periods = [ends for ends in pairwise(edges) if ends[0] < ends[1]]
+        matrices = [monodromy_of(motion.flights, *ends) for ends in periods]
+        moduli = [abs(multipliers_of(matrix)[0]) for matrix in matrices]
+        rates = [math.log(modulus) / span if modulus else -math.inf for modulus in moduli]
+        spread = abs(rates[-1] - rates[0]) if all(map(math.isfinite, rates)) else 0.0
+        exponent = Exponent(rates[-1], spread)
+        return replace(motion, kind=kind, exponent=exponent, multiplier=moduli[-1])
 
     def irregular(self) -> SettledMotion:
         """Return the motion that does not repeat, with the evidence for and against chaos."""
@@ -410,23 +399,11 @@ class _SettlingRig:
             motion = replace(motion, kind=MotionKind.NOT_PERIODICALLY_DRIVEN)
         if self.rig.moves_stops:
             return motion
-        along = motion.deviations(motion.watched_from, motion.end)
-        exponent = growth_exponent(along, self.parameters.omega)
+        exponent = growth_exponent(motion.flights, motion.watched_from, motion.end)
         rates = self.cycle * exponent.value, self.cycle * exponent.standard_error
         indications = Indications(*rates, watched, average_spread(motion.section))
         kind = indications.kind() if motion.kind is MotionKind.UNDECIDED else motion.kind
         return replace(motion, kind=kind, exponent=exponent, indications=indications)
-
-
-def _periodic_exponent(along: Deviations, span: float) -> tuple[Exponent, float]:
-    """Return exponent and largest multiplier of a period; the one before gives the error."""
-    before = along.end - span
-    ends = [before, along.end] if before > along.start else [along.end]
-    products = monodromy_of(along, np.array(ends))
-    moduli = [abs(multipliers_of(product)[0]) for product in products]
-    rates = [math.log(modulus) / span if modulus else -math.inf for modulus in moduli]
-    spread = abs(rates[-1] - rates[0]) if all(map(math.isfinite, rates)) else 0.0
-    return Exponent(rates[-1], spread), moduli[-1]
 
 
 def settle(

@@ -20,10 +20,9 @@ from impact_damper_ros.motion.event import Event, EventKind, table_of_events
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
-from impact_damper_ros.rig.run_result import one_table
 from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
 
-from .flight_arrays import Drive, Flights, row_of_rig
+from .flight_arrays import Flights, FlightStart, row_of_rig
 from .response import Array
 from .transmissibility import dynamic_stiffness
 
@@ -162,14 +161,8 @@ class SweptRun(Observer):
 
     def __init__(self, rig: Rig) -> None:
         """Note the state of the rig."""
-        self._rig, self._sweep = rig, rig.sweep
+        self._rig, self._sweep, self._begin = rig, rig.sweep, FlightStart.of(rig)
         self._events: list[Event] = []
-        state = rig.state()
-        since = (rig.time - state.run.time) - state.run.time_low
-        rates = rig_at(rig.parameters, rig.sweep.step).harmonics[1]
-        angles = (a + w * since for a, w in zip(state.angles, rates, strict=True))
-        self._drive = Drive(rig.time, tuple(angles), rates)
-        self._row = row_of_rig(rig)
 
     def take_events(self, events: Sequence[Event]) -> None:
         """Take the events since the last call."""
@@ -178,10 +171,9 @@ class SweptRun(Observer):
     def response(self) -> SweptResponse:
         """Return the response up to the present time."""
         rig, parameters = self._rig, self._rig.parameters
-        rows = one_table(self._row, table_of_events(self._events), row_of_rig(rig))
-        count = int((rows['kind'] == EventKind.FREQUENCY_STEP).sum())
+        events = table_of_events(self._events)
+        count = int((events['kind'] == EventKind.FREQUENCY_STEP).sum())
         coming = islice(stepped_sine(parameters, self._sweep), count)
         rigs = [rig_at(parameters, self._sweep.step), *(step.parameters for step in coming)]
         steps = np.array([one.first_harmonic for one in rigs])
-        active = rig.state().run.force
-        return swept_response(Flights.between(parameters, rows, self._drive, steps, active))
+        return swept_response(self._begin.flights(parameters, events, row_of_rig(rig), steps))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.kernels import call_kernel
 from impact_damper_ros.motion.state import Mode
-from impact_damper_ros.orbits.flight_arrays import FlightStart
+from impact_damper_ros.orbits.flight_arrays import FlightStart, row_of_rig
 from impact_damper_ros.orbits.flight_integrals import chatter_time
 from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
 from impact_damper_ros.orbits.settled_motion import (
@@ -120,8 +120,9 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     most = settling.events - found.event_count
     begin = FlightStart.of(rig)
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
-    integrals, largest = begin.flights(rig, result.events).integrals()
     parameters = rig.parameters
+    flights = begin.flights(parameters, result.events, row_of_rig(rig))
+    integrals, largest = flights.integrals()
     alone = Transmissibility.without_damper(parameters)
     shaken = integrals.transmissibility.by_name() | alone.by_name('_without_damper')
     end = found.end + cycles * cycle

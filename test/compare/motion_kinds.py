@@ -42,7 +42,7 @@ from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.stretches import LoggedRig
 from impact_damper_ros.orbits.flight_arrays import Drive, Flights, row_of_rig
 from impact_damper_ros.orbits.irregularity import average_spread
-from impact_damper_ros.orbits.lyapunov import Deviations, growth_exponent
+from impact_damper_ros.orbits.lyapunov import growth_exponent
 from impact_damper_ros.orbits.recurrence import MotionKind
 from impact_damper_ros.orbits.settled_motion import relative_states
 
@@ -184,8 +184,7 @@ def answered(case: Case) -> Answer | None:
 
     def growth(first: int, last: int) -> tuple[float, float]:
         """Return the exponent between two cycles, and its standard error, per cycle."""
-        along = Deviations(flights, first * cycle, last * cycle)
-        found = growth_exponent(along, case.parameters.omega)
+        found = growth_exponent(flights, first * cycle, last * cycle)
         return cycle * found.value, cycle * found.standard_error
 
     exponent, error = growth(half, LONG)

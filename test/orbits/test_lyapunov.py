@@ -8,7 +8,7 @@ from sweep.example_rigs import CHATTERING, ON_THE_STOP
 
 from impact_damper_ros import EventKind, InitialConditions, MotionKind, Rig, RigParameters, settle
 from impact_damper_ros.orbits.flight_arrays import run_flights
-from impact_damper_ros.orbits.lyapunov import Deviations, monodromy_of
+from impact_damper_ros.orbits.lyapunov import monodromy_of
 
 #: Frictionless and horizontal, with many impacts that never repeat.
 CHAOTIC = RigParameters(gravity=0.0, force_frequencies=1.02, gap=12.0)
@@ -70,8 +70,7 @@ def test_matrix_is_the_derivative_of_the_flow(name):
     assert EventKind.IMPACT in kinds
     assert (EventKind.STICK in kinds) is (name == 'sticking')
     assert (EventKind.REST in kinds) is (name == 'chattering')
-    along = Deviations(flights, 0.0, end)
-    (matrix,) = ABSOLUTE @ monodromy_of(along, np.array([end])) @ np.linalg.inv(ABSOLUTE)
+    matrix = ABSOLUTE @ monodromy_of(flights, 0.0, end) @ np.linalg.inv(ABSOLUTE)
     step = 1e-7 * (1.0 if name == 'chattering' else 10.0)
     for column in range(4):
         ends = []
