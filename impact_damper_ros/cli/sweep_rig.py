@@ -31,7 +31,7 @@ from impact_damper_ros.sweep import (
     sweep,
 )
 from impact_damper_ros.sweep.execution import MOST_JOBS
-from impact_damper_ros.sweep.grid import Follow, unit_from_text
+from impact_damper_ros.sweep.grid import Follow
 from impact_damper_ros.sweep.part_file import part_path
 from impact_damper_ros.sweep.table import FORMATS, check_format
 
@@ -199,9 +199,9 @@ def _grid(arguments: argparse.Namespace) -> Grid:
     given = given_rig(arguments.params, arguments.set, arguments.node)
     law, (parameters, initial, control, _) = given_law(arguments.law, given)
     ranges = [range_from_text(text) for text in arguments.vary]
-    axes: dict[str, Any] = dict(ranges)
+    names = [name for name, _, _ in ranges]
+    axes: dict[str, Any] = {name: values for name, values, _ in ranges}
     if len(axes) < len(ranges):
-        names = [name for name, _ in ranges]
         twice = next(name for name in names if names.count(name) > 1)
         raise GridError(f'{twice} is varied twice: give each name once')
     settling = Settling(**{name: getattr(arguments, name) for name in asdict(_DEFAULT)})
@@ -209,7 +209,7 @@ def _grid(arguments: argparse.Namespace) -> Grid:
         *(parameters, initial, control, law.name if law and control.active else ''),
         follow=arguments.follow,
         settling=settling,
-        units=dict(zip(axes, map(unit_from_text, arguments.vary), strict=True)),
+        units={name: unit for name, _, unit in ranges},
         **axes,
     )
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from impact_damper_ros.motion.event import ROWS_AT_ONCE, Event, EventKind, EventRow, events_of
 from impact_damper_ros.motion.flight import NO_EVENT
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
-from impact_damper_ros.motion.state import Moving
 from impact_damper_ros.motion.transition import resolve
-from impact_damper_ros.orbits.flights import flight_at_impact, machine_of
+from impact_damper_ros.orbits.flights import machine_of, moving_at_impact
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .vibration import Array
@@ -67,9 +66,9 @@ class FlightReplay:
     ) -> list[Event]:
         """Return the events in a span after an impact on a stop (+1 or -1)."""
         number = 1 if stop > 0 else 2
-        flight = flight_at_impact(self._machine, instant, number, x, velocity, damper)
+        begin = moving_at_impact(self._machine, instant, number, x, velocity, damper)
         rows = [EventRow() for _ in range(_ROOM)]
-        moving: Moving = flight.moving._replace(log=rows)
+        moving = begin._replace(log=rows)
         run = moving.run
         run.room, run.written = _ROOM, 0
         while run.written + ROWS_AT_ONCE <= _ROOM:

@@ -184,12 +184,6 @@ class RingDown:
         size: Array = self.velocity / self.parameters.omega
         return size
 
-    @property
-    def accelerations(self) -> Array:
-        """Amplitude V omega/g of the acceleration of M in each cycle, in g."""
-        size: Array = self.velocity * self.parameters.omega / STANDARD_GRAVITY
-        return size
-
     @cached_property
     def loss(self) -> Array:
         """Share of the energy that each cycle of all runs loses, Psi."""

@@ -24,7 +24,7 @@ from impact_damper_ros.rig.run_result import Events, Outcome
 
 from .arguments import check_forcing, single_harmonic
 from .flight_arrays import Flights, run_flights
-from .flights import flight_at_impact, machine_of, rig_on
+from .flights import machine_of, moving_at_impact, rig_on
 from .multipliers import velocities_of
 from .orbit import AT_IMPACTS, OrbitEvent, PeriodicOrbit
 from .periodic_problem import Node, PeriodicProblem, Solution, impact_nodes, last_stops
@@ -123,18 +123,16 @@ def guess_along(rig: Rig, instant: float, period: float) -> Guess | None:
 
 def after_impact(orbit: PeriodicOrbit, parameters: RigParameters, change: float = 0.0) -> Rig:
     """Return a rig just after the first impact of a motion, with a change of X' before it, m/s."""
-    velocity = orbit.primary_velocity_before[0] + change
-    damper_velocity = orbit.damper_velocity_before[0]
-    there = flight_at_impact(
+    moving = moving_at_impact(
         machine_of(parameters),
         orbit.instants[0],
         orbit.stops[0],
         orbit.x[0],
-        velocity,
-        damper_velocity,
+        orbit.primary_velocity_before[0] + change,
+        orbit.damper_velocity_before[0],
+        before=True,
     )
-    struck = there.struck(velocity, damper_velocity - velocity)
-    return rig_on(struck, parameters)
+    return rig_on(moving, parameters)
 
 
 def flights_of(orbit: PeriodicOrbit) -> Flights:
@@ -396,7 +394,7 @@ def orbit_near(
     check_forcing(parameters, cycles)
     cycle = math.tau / parameters.first_harmonic[1]
     instant = cycle * (phase % cycles)
-    flight = flight_at_impact(
+    moving = moving_at_impact(
         machine_of(parameters),
         instant,
         impact.stop,
@@ -404,5 +402,5 @@ def orbit_near(
         impact.primary_velocity_after,
         impact.damper_velocity_after,
     )
-    guess = guess_along(rig_on(flight, parameters), instant, cycles * cycle)
+    guess = guess_along(rig_on(moving, parameters), instant, cycles * cycle)
     return None if guess is None else solve_orbit(parameters, guess, cycles)

@@ -30,17 +30,6 @@ MOST_IMPACTS, _MOST_BRANCHES = 8, 40
 _SAME_PHASE, _SAME_SIZE = 0.02, 0.02
 
 
-def has_theory(grid: Grid) -> bool:
-    """Return whether the periodic motions of a sweep can be followed along its axis."""
-    return (
-        len(grid.axes) == 1
-        and len(grid.axes[0]) > 1
-        and grid.axes[0].real
-        and not grid.setup.control.active
-        and grid.setup.parameters.periodic_force
-    )
-
-
 def branches_of(table: pd.DataFrame) -> list[Branch]:
     """
     Follow the periodic motions of a sweep along its axis, stable and unstable.
@@ -56,9 +45,22 @@ def branches_of(table: pd.DataFrame) -> list[Branch]:
         A branch through each motion that has settled and is not on one of the others.
     """
     grid = Grid.from_inputs(table.attrs['inputs'])
-    if not has_theory(grid):
+    axis, setup = grid.axes[0], grid.setup
+    if (
+        len(grid.axes) > 1
+        or len(axis) < 2
+        or not axis.real
+        or setup.control.active
+        or not setup.parameters.periodic_force
+    ):
         return []
-    axis = grid.axes[0]
+    (low, *_, high), (one, *others) = axis.values, axis.varied
+
+    def rig_at(value: float) -> RigParameters:
+        return setup.vary(grid.settings((value,))).parameters
+
+    # Derivatives by the gap are exact if it is given by name.
+    path: Path = rig_at if others or one.entry is not None else one.name
     found: list[Branch] = []
     few = table[
         table.settled.fillna(False) & (table.impacts > 0) & (table.impacts <= MOST_IMPACTS)
@@ -67,23 +69,10 @@ def branches_of(table: pd.DataFrame) -> list[Branch]:
         value = grid.values(int(row.point))[0]
         if len(found) == _MOST_BRANCHES or _is_on(found, row, value):
             continue
-        orbit = orbit_of_row(row, grid.setup.vary(grid.settings((value,))).parameters)
+        orbit = orbit_of_row(row, rig_at(value))
         if orbit is not None and orbit.viable:
-            low, high = axis.values[0], axis.values[-1]
-            found.append(follow(orbit, path_along(grid, 0, (value,)), low, high, start=value))
+            found.append(follow(orbit, path, low, high, start=value))
     return found
-
-
-def path_along(grid: Grid, number: int, values: tuple[float, ...]) -> Path:
-    """Return the path of `follow` along an axis, at the given values of the other axes."""
-    one, *others = grid.axes[number].varied
-
-    def rig_at(value: float) -> RigParameters:
-        place = (*values[:number], value, *values[number + 1 :])
-        return grid.setup.vary(grid.settings(place)).parameters
-
-    # Derivatives by the gap are exact if it is given by name.
-    return rig_at if others or one.entry is not None else one.name
 
 
 def orbit_of_row(row: Any, rig: RigParameters) -> PeriodicOrbit | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple, Self, get_args
@@ -184,8 +184,7 @@ def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Ax
     values: list[Any] = np.atleast_1d(np.array(given)).tolist()
     if any(isinstance(value, str) for value in values):
         # numpy makes a list of texts and numbers an array of texts.
-        unit = _common_unit(varied[0].spec, map(str, values))
-        values = [_number(str(value), names, varied[0].spec) for value in values]
+        values, unit = _in_si([*map(str, values)], names, varied[0].spec)
     if not values:
         raise GridError(f'{names}: there are no values: give at least one')
     for one in varied:
@@ -206,13 +205,6 @@ def _axis(names: str, given: npt.ArrayLike, rig: RigParameters, unit: str) -> Ax
     if repeated is not None:
         raise GridError(f'{names}: the value {repeated!r} is given twice')
     return Axis(varied, tuple(values), unit)
-
-
-def _common_unit(spec: ParameterSpec, texts: Iterable[str]) -> str:
-    """Return the common unit of values; empty if they differ."""
-    units = {split_number(text)[1] for text in texts}
-    (unit,) = units if len(units) == 1 else ('',)
-    return unit if unit in UNITS.get(spec.unit, ()) and unit != spec.unit else ''
 
 
 class RigSetup(NamedTuple):
@@ -470,14 +462,14 @@ class Grid:
         )
 
 
-def _number(text: str, where: str, spec: ParameterSpec | None = None) -> float:
-    """Return a number in SI, which may have a unit where a parameter is given."""
+def _number(text: str, where: str, spec: ParameterSpec) -> float:
+    """Return a number in SI, which may have the unit of a parameter; or a bool."""
     if text.strip().lower() in _BOOLS:
         return _BOOLS[text.strip().lower()]
     try:
         number = float(text)
     except ValueError:
-        if spec is None:
+        if spec.low is None:
             raise GridError(f'{where}: {quote(text)} is not a number') from None
         try:
             number = spec.in_si(text)
@@ -488,12 +480,20 @@ def _number(text: str, where: str, spec: ParameterSpec | None = None) -> float:
     return number
 
 
+def _in_si(texts: Sequence[str], where: str, spec: ParameterSpec) -> tuple[list[float], str]:
+    """Return values in SI, and their common unit; empty if they differ."""
+    units = {split_number(text)[1] for text in texts}
+    (unit,) = units if len(units) == 1 else ('',)
+    known = unit in UNITS.get(spec.unit, ()) and unit != spec.unit
+    return [_number(text, where, spec) for text in texts], unit if known else ''
+
+
 def _space(low: float, high: float, count: str, spacing: str, where: str) -> list[float]:
     """Return values from end to end, both included."""
-    number = _number(count, where)
+    number, rest, _ = split_number(count)
     if isinstance(low, bool) or isinstance(high, bool):
         raise GridError(f'{where}: true and false have no range: write true,false')
-    if number != round(number) or not 1 <= number <= _MOST_VALUES:
+    if rest or not number or number % 1.0 or not 1.0 <= number <= _MOST_VALUES:
         raise GridError(f'{where}: {count} values: give a whole number from 1 to {_MOST_VALUES}')
     if spacing not in ('linear', 'log'):
         raise GridError(f'{where}: spacing {spacing!r}: give linear or log')
@@ -512,15 +512,7 @@ def _space(low: float, high: float, count: str, spacing: str, where: str) -> lis
     return values
 
 
-def unit_from_text(text: str) -> str:
-    """Return the unit of a range, as `range_from_text` reads it; empty for SI or none."""
-    names, _, values = text.rpartition('=')
-    spec = _SPECS[_parts(names.split('=')[0])[0]]
-    ends = values.split(':')[:2] if ':' in values else values.strip().strip('[]').split(',')
-    return _common_unit(spec, (part for part in ends if part.strip()))
-
-
-def range_from_text(text: str) -> tuple[str, list[float]]:
+def range_from_text(text: str) -> tuple[str, list[float], str]:
     """
     Read an axis as the command line gives it.
 
@@ -536,7 +528,9 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
     names : str
         The names, as `Grid` takes them.
     values : list of float
-        The values.
+        The values, in SI units.
+    unit : str
+        The unit in which all were given; empty for SI, or if they differ.
 
     Raises
     ------
@@ -546,19 +540,20 @@ def range_from_text(text: str) -> tuple[str, list[float]]:
     Examples
     --------
     >>> range_from_text('gap=10:30:3')
-    ('gap', [10.0, 20.0, 30.0])
+    ('gap', [10.0, 20.0, 30.0], '')
     """
     names, _, values = text.rpartition('=')
     if not names:
         raise GridError(f'{quote(text)}: give NAME=LOW:HIGH:COUNT, such as gap=10:60:200')
-    specs = [_SPECS[_parts(name)[0]] for name in names.split('=')]
-    where, spec = as_name(text), specs[0] if specs[0].low is not None else None
+    spec, *_ = [_SPECS[_parts(name)[0]] for name in names.split('=')]
+    where = as_name(text)
     if ':' not in values:
         listed = [part for part in values.strip().strip('[]').split(',') if part.strip()]
-        return names, [_number(part, where, spec) for part in listed]
+        numbers, unit = _in_si(listed, where, spec)
+        return names, numbers, unit
     low, high, *rest = (part.strip() for part in values.split(':'))
     if len(rest) not in (1, 2):
         raise GridError(f'{where}: give LOW:HIGH:COUNT, LOW:HIGH:COUNT:log or V1,V2,...')
+    (start, end), unit = _in_si([low, high], where, spec)
     spacing = rest[1] if rest[1:] else 'linear'
-    ends = _number(low, where, spec), _number(high, where, spec)
-    return names, _space(*ends, rest[0], spacing, where)
+    return names, _space(start, end, rest[0], spacing, where), unit

@@ -16,7 +16,7 @@ from impact_damper_ros.motion.kernels import call_kernel
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.orbits.flight_arrays import FlightStart, row_of_rig
 from impact_damper_ros.orbits.flight_integrals import chatter_time
-from impact_damper_ros.orbits.flights import flight_at, machine_of, rig_on
+from impact_damper_ros.orbits.flights import machine_of, moving_at, rig_on
 from impact_damper_ros.orbits.settled_motion import (
     SettledMotion,
     cycle_of,
@@ -244,5 +244,5 @@ def rig_of_row(row: Any, parameters: RigParameters) -> Rig:
     # The air force depends on the stop hit last, which initial conditions do not hold.
     resting = rig.mode if rig.mode >= Mode.STICK else 0
     machine, last = machine_of(parameters), int(row.impact_stop[-1])
-    flight = flight_at(machine, 0.0, x, velocity, offset - half, relative, resting, last)
-    return rig_on(flight, parameters)
+    moving = moving_at(machine, 0.0, x, velocity, offset - half, relative, resting, last)
+    return rig_on(moving, parameters)

@@ -23,7 +23,7 @@ from impact_damper_ros import (
 from impact_damper_ros.design.damper_design import best_design
 from impact_damper_ros.design.mass_damper import den_hartog, mass_damper_response
 from impact_damper_ros.motion.flight import support_need
-from impact_damper_ros.orbits.flights import flight_at, machine_of
+from impact_damper_ros.orbits.flights import machine_of, moving_at
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAGES = sorted((ROOT / 'docs' / 'theory').glob('*.md'))
@@ -350,10 +350,10 @@ def test_relative_acceleration_is_that_of_the_need():
         machine = machine_of(rig)
         way = rng.choice([-1.0, 1.0])
         x, velocity, instant = (rng.uniform(-3.0, 3.0) for _ in range(3))
-        flight = flight_at(machine, instant, x, velocity, -10.0, way, 0, rng.choice([0, 1, 2]))
-        need = support_need(flight.moving, velocity)
+        moving = moving_at(machine, instant, x, velocity, -10.0, way, 0, rng.choice([0, 1, 2]))
+        need = support_need(moving, velocity)
         expected = -(1.0 + rig.mass_ratio) * (need + way * machine.constants.grip)
-        assert flight.run.relative_acceleration == pytest.approx(expected, rel=1e-12, abs=1e-13)
+        assert moving.run.relative_acceleration == pytest.approx(expected, rel=1e-12, abs=1e-13)
 
 
 def test_determinant_with_a_reversal():

@@ -14,6 +14,7 @@ from impact_damper_ros import (
     value_of,
     with_value,
 )
+from impact_damper_ros.motion.flight import begin_flight, motion_at
 from impact_damper_ros.motion.state import (
     CHATTER_1,
     NUMBERS,
@@ -35,7 +36,7 @@ from impact_damper_ros.orbits.closed_flights import (
     set_rig,
     write_equations,
 )
-from impact_damper_ros.orbits.flights import flight_at, machine_of
+from impact_damper_ros.orbits.flights import machine_of, moving_at
 from impact_damper_ros.orbits.impact_equations import set_coefficients, write_velocities
 from impact_damper_ros.orbits.newton import add_parameter
 from impact_damper_ros.orbits.periodic_problem import (
@@ -175,9 +176,10 @@ def test_flights_are_those_of_the_simulator(pattern):
         beyond = way if node.last == 1 else way - 2.0 * half
         resting = node.resting
         at = machine_of(RIG), row[INSTANT], x, velocity, beyond, relative, resting, node.last
-        flight = flight_at(*at)
-        flight.run.mode = resting or node.mode
-        motion = flight.begin().motion(float(row[SPAN]))
+        moving = moving_at(*at)
+        moving.run.mode = resting or node.mode
+        begin_flight(moving)
+        motion = motion_at(moving, float(row[SPAN]))
         travel = 0.0 if resting else motion.travel
         expected = [motion.x, motion.velocity, way + travel]
         expected.append(0.0 if resting else motion.relative_velocity)
@@ -198,8 +200,8 @@ def test_the_way_of_a_short_bounce_keeps_its_digits():
     instants = np.array([0.1, 0.1 + 1e-8 * problem.period])
     problem.place[:-1] = problem.unknowns(states, instants)
     fly_all(arrays)
-    flight = flight_at(machine_of(VERTICAL), 0.1, 5.0, -3.0, 0.0, -1e-6, 0, 1)
-    motion = flight.motion(float(instants[1] - instants[0]))
+    moving = moving_at(machine_of(VERTICAL), 0.1, 5.0, -3.0, 0.0, -1e-6, 0, 1)
+    motion = motion_at(moving, float(instants[1] - instants[0]))
     assert arrays.table[0, END + 2] == pytest.approx(motion.travel, rel=1e-9)
 
 

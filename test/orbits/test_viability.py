@@ -5,7 +5,8 @@ import pytest
 from rigs import INCLINED
 
 from impact_damper_ros import EventKind, find_orbits
-from impact_damper_ros.orbits.flights import flight_at, machine_of
+from impact_damper_ros.motion.flight import motion_at
+from impact_damper_ros.orbits.flights import machine_of, moving_at
 from impact_damper_ros.orbits.viability import extremes
 from orbits.begun_rigs import begun_on
 
@@ -70,14 +71,13 @@ def test_turning_points_against_a_dense_look():
         rig = INCLINED.replace(force_frequencies=(float(rng.uniform(0.2, 6.0)),))
         x, velocity, relative = 5.0 * rng.normal(size=3)
         instant = float(rng.uniform(0.0, 10.0))
-        flight = flight_at(machine_of(rig), instant, x, velocity, 0.0, relative, 0, 1)
+        start = machine_of(rig), instant, x, velocity, 0.0, relative, 0, 1
         duration = float(rng.uniform(1.0, 20.0))
-        motions = [flight.motion(tau) for tau in np.linspace(0.0, duration, 5001)]
-        for relative, seen in (
-            (False, [m.x for m in motions]),
-            (True, [m.travel for m in motions]),
-        ):
-            low, high = extremes(flight.copy().begin().moving, duration, relative)
+        moving = moving_at(*start)
+        motions = [motion_at(moving, tau) for tau in np.linspace(0.0, duration, 5001)]
+        seen_of = {False: [m.x for m in motions], True: [m.travel for m in motions]}
+        for to_m, seen in seen_of.items():
+            low, high = extremes(moving_at(*start), duration, to_m)
             span = max(seen) - min(seen)
             assert -1e-12 * span <= high - max(seen) < 1e-4 * span
             assert -1e-12 * span <= min(seen) - low < 1e-4 * span

@@ -12,25 +12,29 @@ from impact_damper_ros import Transmissibility
 from impact_damper_ros.cli.sweep_rig import main
 from impact_damper_ros.sweep import Grid, range_from_text, sweep
 from impact_damper_ros.sweep.figures import bifurcation_figure, surface_figure
-from impact_damper_ros.sweep.grid import GridError, unit_from_text
+from impact_damper_ros.sweep.grid import GridError
 
 WIDE = TABLE.replace(gap=1.0)
 
 
 @pytest.mark.parametrize(
-    ('text', 'unit'),
+    ('text', 'values', 'unit'),
     [
-        ('base_frequencies=7Hz:13Hz:5', 'Hz'),
-        ('gap=4mm,8mm', 'mm'),
-        ('gap=4mm,0.8cm', ''),
-        ('gap=0.004:0.008:3', ''),
-        ('gap=4 m:8 m:3', ''),
-        ('base_amplitudes=1mm:2mm:2', 'mm'),
-        ('one_sided=true,false', ''),
+        ('base_frequencies=7Hz:13Hz:2', [14.0 * math.pi, 26.0 * math.pi], 'Hz'),
+        ('angle=0:90deg:2', [0.0, 0.5 * math.pi], ''),
+        ('gap=4mm, 8 mm', [0.004, 0.008], 'mm'),
+        ('gap=4mm,0.8cm', [0.004, 0.008], ''),
+        ('gap=2 cm, 0.03', [0.02, 0.03], ''),
+        ('gap=0.004:0.008:3', [0.004, 0.006, 0.008], ''),
+        ('gap=4 m:8 m:3', [4.0, 6.0, 8.0], ''),
+        ('base_amplitudes=1mm:2mm:2', [0.001, 0.002], 'mm'),
+        ('one_sided=true,false', [True, False], ''),
     ],
 )
-def test_unit_of_a_range(text, unit):
-    assert unit_from_text(text) == unit
+def test_values_and_unit_of_a_range(text, values, unit):
+    names, found, its_unit = range_from_text(text)
+    assert (names, its_unit) == (text.partition('=')[0], unit)
+    assert found == pytest.approx(values, rel=1e-12)
 
 
 def test_units_go_with_the_inputs():
@@ -45,8 +49,8 @@ def test_units_go_with_the_inputs():
 
 def test_the_unit_of_a_base_is_its_quantity():
     """0.1 to 0.3 mm of a base that was given in g."""
-    names, values = range_from_text('base_amplitudes=0.1mm:0.3mm:3')
-    grid = Grid(WIDE, units={names: 'mm'}, **{names: values})
+    names, values, unit = range_from_text('base_amplitudes=0.1mm:0.3mm:3')
+    grid = Grid(WIDE, units={names: unit}, **{names: values})
     rigs = [grid.setup.vary(grid.settings(grid.values(row))).parameters for row in range(3)]
     assert [rig.base_motion.size for rig in rigs] == pytest.approx([1e-4, 2e-4, 3e-4])
     table = sweep(grid, jobs=1)
