@@ -243,18 +243,13 @@ def _series(kind: Kind, values: Iterable[Any]) -> Any:
     return pd.Series([_array(kind, one) for one in values], dtype=object)
 
 
-def _reader(read: Callable[[str], Any]) -> Callable[[str | None], Any]:
-    return lambda text: None if text is None else read(text)
-
-
 #: Readers of the values of a CSV file.
-_READ: dict[str, Callable[[str | None], Any]] = {
-    'double': _reader(float),
-    'integer': _reader(int),
-    'bool': _reader('True'.__eq__),
-    'text': _reader(str),
-    'doubles': _reader(json.loads),
-    'integers': _reader(json.loads),
+_READ: dict[str, Callable[[str], Any]] = {
+    'double': float,
+    'integer': int,
+    'bool': 'True'.__eq__,
+    'text': str,
+    **dict.fromkeys(('doubles', 'integers'), json.loads),
 }
 
 
@@ -361,7 +356,8 @@ def _read_csv(path: Path) -> pd.DataFrame:
     if list(texts) != list(kinds) or len(texts) != grid.size:
         raise ValueError('not complete')
     known = texts.astype(object).where(texts.notna(), None)
-    series = {name: _series(kind, known[name].map(_READ[kind])) for name, kind in kinds.items()}
+    read = {name: known[name].map(_READ[kind], na_action='ignore') for name, kind in kinds.items()}
+    series = {name: _series(kind, read[name]) for name, kind in kinds.items()}
     table = _describe(pd.DataFrame(series), grid)
     # A motion without stops has an empty text, which CSV does not distinguish from a missing one.
     table.loc[table.impacts.eq(0).fillna(False), 'stops'] = ''
