@@ -215,7 +215,7 @@ class Exponent:
         return self.uncertainty / _STUDENT
 
 
-def _carried(
+def _carry(
     flights: Flights, start: float, ends: Array, columns: Array, rate: float
 ) -> tuple[Array, Array]:
     """Return deviations at the ends of parts, scaled to 1, and the logarithms of growths."""
@@ -234,7 +234,7 @@ def monodromy_of(flights: Flights, start: float, end: float) -> Array:
 
     The run, whose rows have modes and whose stops do not move, may begin before and end later.
     """
-    products, growth = _carried(flights, start, np.array([end]), np.eye(4), 1.0)
+    products, growth = _carry(flights, start, np.array([end]), np.eye(4), 1.0)
     matrix: Array = products[0] * np.exp(growth[0])
     return matrix
 
@@ -256,7 +256,7 @@ def growth_exponent(flights: Flights, start: float, end: float) -> Exponent:
     vector = np.array([0.6 / omega, 0.3, -0.5 / omega, 0.55])
     # Y and Y' are relative to X and X'..
     vector[[Y, U]] -= vector[[X, V]]
-    _, growth = _carried(flights, start, ends, vector[:, None], omega)
+    _, growth = _carry(flights, start, ends, vector[:, None], omega)
     if growth.min() == -math.inf:
         return Exponent(-math.inf, 0.0)
     rates = growth[1:] / np.diff(ends)
