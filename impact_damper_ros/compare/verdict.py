@@ -163,8 +163,8 @@ def _free_vibration(stretch: RecordedStretch, *, joined: bool) -> float:
     rig, flights = stretch.parameters, stretch.flights
     mass = rig.primary_mass + (rig.damper_mass if joined else 0.0)
     last, tau = np.array([len(flights) - 1]), flights.spans[-1:]
-    push, square = flights.equations[last][:, [EQUATION_PUSH, EQUATION_SQUARE]].T
-    steady, speed = push / square, 0.0
+    columns = flights.equations[last].T
+    steady, speed = columns[EQUATION_PUSH] / columns[EQUATION_SQUARE], 0.0
     for number, amplitude in enumerate(rig.harmonics[0]):
         if amplitude:
             force, rate = flights.line(number, last)
