@@ -47,8 +47,12 @@ export function velocityUnit(size) {
   return { factor: 1e3, unit: 'mm/s' };
 }
 
-/** Return a number as it would be typed, with at most so many significant digits. */
-export const typed = (value, count = 7) => (Number.isFinite(value) ? String(Number(value.toPrecision(count))) : '');
+/** Return a number as it would be typed: shortest text that stays within a relative error. */
+export function typed(value, relative = 1e-6) {
+  if (!Number.isFinite(value)) return '';
+  const rounded = Array.from({ length: 17 }, (_, n) => Number(value.toPrecision(n + 1)));
+  return String(rounded.find((one) => Math.abs(one - value) <= relative * Math.abs(value)));
+}
 
 /** Return a span of time as minutes and seconds; with milliseconds if it is to be exact. */
 export function clock(seconds, exact = false) {

@@ -49,10 +49,6 @@ export class RigDrawing extends Canvas {
     this.flashes.splice(0, this.flashes.length - 8);
   }
 
-  get flashing() {
-    return this.flashes.length > 0;
-  }
-
   /** Choose the scale: all that moved lately has room, in steps so that the picture is calm. */
   layout(extent, state, massRatio, now) {
     const rel1 = state.stop_1 - state.x;
@@ -149,7 +145,7 @@ export class RigDrawing extends Canvas {
     this.lines(colours.stop, 1, hatches.map((v) => [[wall, v], [wall - g.wall, v + step]]));
     const { factor, unit } = lengthUnit(g.swing + g.spread);
     const reach = Math.min(g.right, g.body + g.reach) / g.scale;
-    const { values, decimals, step: apart } = ticks(-reach * factor, reach * factor, 8);
+    const { values, decimals, step: apart } = ticks(-reach * factor, reach * factor, Math.min(8, (reach * g.scale) / (1.5 * em)));
     const marks = values.flatMap((value) => [0, 1, 2, 3, 4].map((n) => [((value + (n * apart) / 5) / factor) * g.scale, n ? 3 : 6]));
     this.lines(colours.steel, 1, marks.filter(([place]) => place <= g.right).map(([place, high]) => [[place, base], [place, base + high]]));
     context.font = font(0.75);
@@ -257,15 +253,14 @@ export class RigDrawing extends Canvas {
       context.fillStyle = colours.steel;
       const rod = Math.max(3, 0.2 * tallPad);
       context.fillRect(Math.min(face, anchor), centre - rod / 2, Math.abs(anchor - face), rod);
-      const box = [side > 0 ? face : face - pad, floor - tallPad, pad, tallPad];
       context.fillStyle = stopColour(stop);
-      context.fillRect(...box);
+      context.fillRect(side > 0 ? face : face - pad, floor - tallPad, pad, tallPad);
       for (const { since, strength } of this.flashes.filter((one) => one.stop === stop && now - one.since < FLASH)) {
         const part = reducedMotion() ? 0 : Math.max(0, now - since) / FLASH;
-        context.save();
-        Object.assign(context, { fillStyle: colours.open, globalAlpha: (1 - part) * (0.35 + 0.65 * strength), shadowColor: colours.open, shadowBlur: tallPad * strength * (0.6 + part) });
-        context.fillRect(...box);
-        context.restore();
+        const radius = tallPad * (0.5 + 0.55 * strength) * (0.6 + 0.6 * part);
+        context.globalAlpha = 0.35 * (1 - part) * (0.35 + 0.65 * strength);
+        for (const size of [1, 0.8, 0.6, 0.4]) this.disc(face, centre, size * radius, colours.open);
+        context.globalAlpha = 1;
       }
     }
     this.flashes = this.flashes.filter((one) => now - one.since < FLASH);

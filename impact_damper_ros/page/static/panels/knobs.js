@@ -106,7 +106,7 @@ class Knob {
       }
       this.dragging = true;
       const number = this.scale.at(Number(this.range.value) / 1000);
-      this.input.value = typed(number, 5);
+      this.input.value = typed(number, 1e-4);
       this.sendNumber(number);
     };
     this.range = element('input', {
@@ -220,7 +220,7 @@ class Knob {
     else if (type === 'string') this.write(this.value);
     else if (type === 'double_array' && !this.firstOnly) {
       this.write(this.value.map((one) => typed(one * this.shown.factor)).join(', '));
-    } else if (force || !this.dragging) this.write(typed(this.number, type === 'integer' ? 15 : 6));
+    } else if (force || !this.dragging) this.write(typed(this.number, type === 'integer' ? 1e-15 : 5e-6));
     write(this.unit, this.unitText());
     if (this.range && !this.dragging) {
       this.range.value = String(Math.round(1000 * this.scale.of(this.number)));

@@ -102,7 +102,7 @@ class RigPanel {
     }
     const { damper_mass: m, primary_mass: M } = values;
     const options = { extent: history.reach(history.end - 4), oneSided: !Number.isFinite(state.stop_2), massRatio: m / M };
-    if (anew || this.rig.stale || this.rig.flashing) this.rig.draw(state, { ...options, ghost, push: push(values, state.phase), now });
+    if (anew || this.rig.stale || this.rig.flashes.length) this.rig.draw(state, { ...options, ghost, push: push(values, state.phase), now });
     this.slow.draw(now, options);
     if (now - this.spoken < SPOKEN) return;
     // For a screen reader
