@@ -9,7 +9,9 @@ const [executablePath, ...addresses] = process.argv.slice(2);
 const beside = (name) => readFileSync(new URL(name, import.meta.url), 'utf8');
 // As the usual size: `setViewport` of the newest puppeteer asks Firefox ESR for what it does not know.
 const defaultViewport = { width: 1280, height: 800 };
-const browser = await puppeteer.launch({ browser: 'firefox', executablePath, defaultViewport, protocolTimeout: 400_000 });
+// Few processes: each takes half a second of processor to start.
+const extraPrefsFirefox = { 'fission.autostart': false, 'dom.ipc.processPrelaunch.enabled': false, 'extensions.webextensions.remote': false };
+const browser = await puppeteer.launch({ browser: 'firefox', executablePath, defaultViewport, extraPrefsFirefox, protocolTimeout: 400_000 });
 const page = await browser.newPage();
 let complaints = [];
 /** How long to wait, ms, and what a failure says of the page. */
