@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -17,6 +18,7 @@ from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, one_table, rows_where
+from impact_damper_ros.rig.runaway import RunawayError
 
 from .flight_arrays import Flights, FlightStart, rows_of_samples
 from .irregularity import Indications, average_spread, quiet_phase
@@ -38,8 +40,8 @@ from .solved_orbits import counted_from_zero, orbit_near
 _LEAST_REPEATS = 10
 #: Displacements below this share of the static one are checked more closely.
 _SMALL = 1e-2
-#: Distance that round-off alone makes.
-_SAME_STATE = 1e-13
+#: Distance that round-off alone makes, and least distance at which a run ahead ends.
+_SAME_STATE, _CAME_BACK = 1e-13, 1e-12
 #: A state farther than this number of tolerances from all before it begins no period.
 _NEAR = 1e3
 #: A motion that repeats is unstable if deviations grow by more than this factor in a period.
@@ -293,6 +295,20 @@ class _SettlingRig:
         """Time after the cycles run so far, s."""
         return self.start + self.cycles * self.cycle
 
+    def wait(self, cycles: int, tolerance: float, interrupted: Callable[[], bool]) -> bool:
+        """Run, compiled, until a state comes back or for some cycles; return whether one did."""
+        try:
+            waited, events = self.rig.run_until_return(
+                *(self.cycle, self.rate, cycles, max(tolerance, _CAME_BACK)),
+                most_events=self._most,
+                interrupted=interrupted,
+            )
+        except RunawayError as error:
+            self.reason = str(error)
+            return False
+        self.cycles, self.events = waited, events
+        return waited < cycles
+
     def run(self, cycles: int) -> bool:
         """Run for some cycles; return whether that was possible."""
         rig = self.rig
@@ -416,11 +432,13 @@ def settle(
     between: int = 50,
     quiet: float = math.inf,
     longest: int = LONGEST_PERIOD,
+    interrupted: Callable[[], bool] = lambda: False,
 ) -> SettledMotion:
     """
     Run a rig until its motion repeats.
 
-    Every few cycles of the force the states at the ends of all cycles so far are compared. The
+    The rig runs until the state at the end of a cycle of the force is that of an earlier cycle, or
+    to the cycles to watch. From there on the states at the ends of all cycles are compared. The
     motion has settled if they come back after 1 to 16 cycles, for two periods and at least ten
     cycles. A motion that comes back but is unstable by its multipliers is run on until it
     departs. A motion that does not repeat within the given cycles is judged by its last cycles.
@@ -444,6 +462,8 @@ def settle(
         Cycles without an impact after which the run ends, whether M has settled or not.
     longest : int, optional
         Longest period that is recognised, in cycles of the force.
+    interrupted : callable, optional
+        Called now and then; once it returns true, the run ends, and the result has no meaning.
 
     Returns
     -------
@@ -472,6 +492,12 @@ def settle(
     check_kind('rig', rig, Rig, 'a Rig, such as Rig(parameters)')
     cycles = whole_number('cycles', cycles, 1, 2**31)
     run = _SettlingRig(rig, max(watch, 3 * longest), events, longest)
+    # Without force the rest of a start decays, but states never come back.
+    if cycles > watch and math.isinf(quiet) and _active_rates(rig.parameters):
+        if not run.wait(cycles - watch, tolerance, interrupted):
+            between = watch
+        if run.reason:
+            return run.result(MotionKind.UNDECIDED)
     while run.cycles < cycles:
         if not run.run(min(between, cycles - run.cycles)):
             return run.result(MotionKind.UNDECIDED)

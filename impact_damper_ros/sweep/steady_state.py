@@ -34,7 +34,6 @@ from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, RunResult, one_table, rows_where
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST
-from impact_damper_ros.rig.strobe import CYCLES_OF_A_LOOK
 
 Array = NDArray[np.float64]
 #: The columns of one rig: values for JSON, and arrays.
@@ -197,31 +196,17 @@ def steady_state(rig: Rig, settling: Settling, halted: Callable[[], bool] = lamb
     halted, the row is meaningless.
     """
     check_cycle(rig.parameters, settling)
-    # Without force the rest of a start decays, but states never come back.
-    after = events = 0
-    if any(rig.parameters.harmonics[0]):
-        cycle = cycle_of(rig.parameters)
-        after, events = rig.run_until_return(
-            *(cycle, max(math.tau / cycle, rig.parameters.omega)),
-            *(settling.cycles, max(settling.tolerance, _SAME_STATE)),
-            most_events=settling.events,
-            interrupted=halted,
-        )
-    left = settling.cycles - after
     found = settle(
         rig,
-        cycles=left + settling.watch,
+        cycles=settling.cycles + settling.watch,
         watch=settling.watch,
         tolerance=settling.tolerance,
-        events=settling.events - events,
-        between=CYCLES_OF_A_LOOK if left else settling.watch,
+        events=settling.events,
+        interrupted=halted,
     )
     if found.reason:
         raise RunawayError(found.reason)
-    row = _measure(rig, found, settling)
-    row['settling_cycles'] += after
-    row['events'] += events
-    return row
+    return _measure(rig, found, settling)
 
 
 def rig_of_row(row: Any, parameters: RigParameters) -> Rig:
