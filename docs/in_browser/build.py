@@ -41,6 +41,7 @@ from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import REMEDY, RunawayError
+from impact_damper_ros.rig.stepped_sine import FirstAngle
 
 from .translation import ALL, Translator
 
@@ -75,6 +76,7 @@ ROOTS: dict[str, Any] = {
     **{one.__name__: one for one in (presets.change_between, presets.preset_with)},
     'Preset': presets.Preset,
     'MeasuredRecord': MeasuredRecord,
+    'FirstAngle': FirstAngle,
     'Source': Source,
     'numbers_of': numbers.numbers_of,
     'IMPACT_COLUMNS': motion.IMPACT_COLUMNS,
@@ -95,7 +97,7 @@ THEORY = {
         *('MARKS', 'NORMAL', 'PATH', 'PLACE', 'RIG', 'ROWS', 'SLOPE', 'SPAN'),
         *('TANGENT', 'UNITS'),
     ),
-    flights: ('flight_at_impact', 'machine_of'),
+    flights: ('moving_at_impact', 'machine_of'),
     motion_flight: ('begin_flight',),
     motion_state: (
         *('Moving', 'RigConstants', 'Run', 'Wave', 'NUMBERS', 'FIRST_LINE', 'GAP', 'STICK'),

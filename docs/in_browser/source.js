@@ -97,10 +97,9 @@ class RigInPage extends Source {
 
   /** Phase of the first harmonic at an instant, in cycles; NaN without a force. */
   phase(time) {
-    const { _run: run, _waves: waves, _lines: lines } = this.rig;
-    if (!lines[0].force || !lines[0].frequency) return NaN;
-    const angle = waves[0].angle + ((time - run.time) - run.time_low) * lines[0].frequency;
-    return $modulo(angle / (2 * Math.PI), 1);
+    const { _run: run, _waves: [wave], _present: rig } = this.rig;
+    const [amplitude, frequency] = rig.first_harmonic;
+    return amplitude && frequency ? $modulo(FirstAngle.of(rig, run.time + run.time_low, wave.angle).at(time), 1) : NaN;
   }
 
   add(name, row) {

@@ -336,8 +336,8 @@ function performed(orbit, parameters) {
 function orbitNear(parameters, impact, phase, cycles) {
   const cycle = 2 * Math.PI / parameters.first_harmonic[1];
   const instant = cycle * $modulo(phase, cycles);
-  const flight = flight_at_impact(machine_of(parameters), instant, impact.stop, impact.x, impact.primary_velocity_after, impact.damper_velocity_after);
-  return solve_orbit(parameters, guessAlong(rig_on(flight, parameters), instant, cycles * cycle), cycles);
+  const moving = moving_at_impact(machine_of(parameters), instant, impact.stop, impact.x, impact.primary_velocity_after, impact.damper_velocity_after);
+  return solve_orbit(parameters, guessAlong(rig_on(moving, parameters), instant, cycles * cycle), cycles);
 }
 
 /** Motions of one impact on each stop in some cycles that the theory of impacts has. */
