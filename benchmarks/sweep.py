@@ -13,7 +13,6 @@ from __future__ import annotations
 import sys
 import tempfile
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -26,9 +25,8 @@ def swept(tree: Path, gaps: int, jobs: int, path: Path) -> tuple[float, float]:
     """Let a tree sweep the bench rig into a table; return time by the clock and CPU time, s."""
     words = ['-m', 'impact_damper_ros.cli.sweep_rig', 'bench_rig', '--quiet', '--overwrite']
     words += ['--vary', f'gap=0.004:0.06:{gaps}', '--jobs', str(jobs), '-o', str(path)]
-    began = perf_counter()
-    _, spent = run(tree, words)
-    return perf_counter() - began, spent
+    ran = run(tree, words)
+    return ran.clock, ran.spent
 
 
 def apart(one: Path, other: Path) -> float:

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from timing import options, say, table, write_results
 
@@ -83,9 +83,17 @@ def in_process() -> dict[str, float]:
     return results
 
 
-def run(tree: Path, words: list[str], **variables: str) -> tuple[str, float]:
-    """Run Python in the package of a tree; return its output and CPU time, s."""
-    before = os.times()
+class Ran(NamedTuple):
+    """A program that has run: its output, CPU time, and time by the clock, s."""
+
+    output: str
+    spent: float
+    clock: float
+
+
+def run(tree: Path, words: list[str], **variables: str) -> Ran:
+    """Run Python in the package of a tree."""
+    before, began = os.times(), time.perf_counter()
     # Sources are compiled once, as where a package is installed
     environment = {**os.environ, 'PYTHONPATH': str(tree), 'PYTHONPYCACHEPREFIX': str(BYTECODE)}
     environment.pop('PYTHONDONTWRITEBYTECODE', None)
@@ -100,24 +108,23 @@ def run(tree: Path, words: list[str], **variables: str) -> tuple[str, float]:
             stderr=subprocess.DEVNULL,
             text=True,
         )
-    after = os.times()
+    after, clock = os.times(), time.perf_counter() - began
     spent = after.children_user + after.children_system
-    return done.stdout, spent - before.children_user - before.children_system
+    return Ran(done.stdout, spent - before.children_user - before.children_system, clock)
 
 
 def measured(tree: Path, bag: Path) -> dict[str, float]:
     """Measure a tree once, the report of a bag among it."""
-    results: dict[str, float] = json.loads(run(tree, [__file__, '--of-this'])[0])
+    results: dict[str, float] = json.loads(run(tree, [__file__, '--of-this']).output)
     if not bag.exists():
         run(
             tree,
             ['-m', f'{_CLI}.simulate_rig', 'bench_rig', '--duration', '60', '--bag', str(bag)],
         )
     for name, text in COMMANDS.items():
-        began = time.perf_counter()
         given = text.replace('BAG', str(bag)).split()
-        results[name] = run(tree, ['-m', f'{_CLI}.{name.partition(",")[0]}', *given])[1]
-        results[f'{name}, by the clock'] = time.perf_counter() - began
+        ran = run(tree, ['-m', f'{_CLI}.{name.partition(",")[0]}', *given])
+        results[name], results[f'{name}, by the clock'] = ran.spent, ran.clock
     return results
 
 
@@ -133,8 +140,8 @@ def compiling(tree: Path) -> float:
         'follow(orbit, "gap", 36.0, 38.0)'
     )
     with tempfile.TemporaryDirectory() as empty:
-        cold = run(tree, ['-c', text], NUMBA_CACHE_DIR=empty)[1]
-        return cold - run(tree, ['-c', text], NUMBA_CACHE_DIR=empty)[1]
+        cold, kept = (run(tree, ['-c', text], NUMBA_CACHE_DIR=empty).spent for _ in range(2))
+        return cold - kept
 
 
 def checked_out(commit: str, place: Path) -> Path:
