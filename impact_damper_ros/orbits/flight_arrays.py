@@ -409,13 +409,9 @@ class Flights:
         """The harmonics, with the angles that they have turned at the force's time 0."""
         assert self.drive is not None
         sizes, _, phases = self._harmonics
-        base = np.zeros(len(sizes), complex)
-        rates = np.array(self.drive.frequencies)
-        shaken = self.rig.base_rows
-        # The force is K b + C b'
-        base[shaken] = 1.0 / (self.rig.stiffness + 1j * self.rig.damping * rates[shaken])
-        turned = np.add(phases, self.drive.angles)
-        return np.column_stack([sizes, rates, turned, base.real, base.imag])
+        turned, of_base = np.add(phases, self.drive.angles), np.zeros(len(sizes))
+        of_base[self.rig.base_rows] = 1.0
+        return np.column_stack([sizes, self.drive.frequencies, turned, of_base])
 
     def integrals(self) -> tuple[Integrals, float]:
         """
@@ -436,7 +432,7 @@ class Flights:
             rates = [rig.omega, *rig.harmonics[1]]
             fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
             arrays = rows, self.equations, self.columns, self.lines, GAUSS_POINTS
-            numbers = fastest, rig.damping, shaken
+            numbers = fastest, rig.stiffness, rig.damping, shaken
             call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
         else:
             sums[SUM_FORCE:SUM_BASE] = math.nan

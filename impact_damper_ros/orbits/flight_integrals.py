@@ -54,9 +54,9 @@ EQUATION_COLUMNS = 7
 #: and phase (rad) of the first harmonic, including the angle that it has turned until then.
 (FLIGHT_ACTIVE, FLIGHT_BEGIN, FLIGHT_LINE) = range(3)
 FLIGHT_COLUMNS = 5
-#: Columns of harmonics: amplitude, frequency, phase with the angle turned at time 0; and the base
-#: for unit sine and for unit cosine of the phase, over the amplitude, m/N.
-(LINE_SIZE, LINE_RATE, LINE_PHASE, LINE_BASE_SINE, LINE_BASE_COSINE) = range(5)
+#: Columns of harmonics: amplitude, frequency, phase with the angle turned at time 0; and 1 where
+#: the force is that of a moving base.
+(LINE_SIZE, LINE_RATE, LINE_PHASE, LINE_OF_BASE) = range(4)
 #: Rows of the series: X, the force, and what a second integral divides by, inverted.
 _SERIES_X, _SERIES_FORCE, _SERIES_SHARE = range(3)
 #: A series to be written.
@@ -227,20 +227,22 @@ def turning_size(series: Any, place: float) -> float:
 
 
 @kernel
-def base_of_flight(flight: Any, lines: Any, since: float) -> tuple[float, float, float]:
-    """Return b, b' and b'' some time after a flight began, s."""
+def base_of_flight(
+    flight: Any, lines: Any, since: float, stiffness: float, damping: float
+) -> tuple[float, float, float]:
+    """Return b, b' and b'' some time after a flight began (s), by the force K b + C b'."""
     base = 0.0
     speed = 0.0
     rate = 0.0
     for j in range(len(lines)):
         size, turn, phase = harmonic_at(flight, lines, j, since)
-        for_sine = size * lines[j, LINE_BASE_SINE]
-        for_cosine = size * lines[j, LINE_BASE_COSINE]
-        sine = sin(phase)
-        cosine = cos(phase)
-        here = for_sine * sine + for_cosine * cosine
+        dashpot = damping * turn
+        size *= lines[j, LINE_OF_BASE] / (stiffness * stiffness + dashpot * dashpot)
+        sine = size * sin(phase)
+        cosine = size * cos(phase)
+        here = stiffness * sine - dashpot * cosine
         base += here
-        speed += turn * (for_sine * cosine - for_cosine * sine)
+        speed += turn * (stiffness * cosine + dashpot * sine)
         rate -= turn * turn * here
     return base, speed, rate
 
@@ -253,6 +255,7 @@ def integrate_flights(
     lines: Any,
     points: Any,
     fastest: float,
+    stiffness: float,
     damping: float,
     shaken: bool,
     series: Any,
@@ -261,8 +264,8 @@ def integrate_flights(
     """
     Add the integrals over flights to the `sums`; return the number of flights.
 
-    `fastest` is the circular frequency of the fastest oscillation, rad/s, `damping` that of the
-    dashpot, N s/m, and `shaken` whether a base moves.
+    `fastest` is the circular frequency of the fastest oscillation, rad/s; spring and dashpot are in
+    N/m and N s/m, and `shaken` is whether a base moves.
     """
     for i in range(len(flights)):
         equation = equations[i]
@@ -297,7 +300,7 @@ def integrate_flights(
                 slip = speed
                 if shaken:
                     base, base_speed, base_rate = base_of_flight(
-                        flight, lines, since + points[0, k] * span
+                        flight, lines, since + points[0, k] * span, stiffness, damping
                     )
                     slip = speed - base_speed
                     # The motion of the base also changes the rate of the dashpot.

@@ -146,6 +146,17 @@ def test_the_closed_form_on_a_moving_base():
     assert found.transmissibility == pytest.approx(expected, rel=1e-9)
 
 
+def test_the_dashpot_on_a_swept_base():
+    """The amplitude of the base follows from the frequency of each step."""
+    flights = replayed(SHAKEN, 40, AT_REST).flights
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    index, half = np.repeat(np.arange(len(flights)), 200), 0.5 * flights.spans
+    tau = np.outer(half, nodes + 1.0).ravel()
+    slip = flights.motion(index, tau)[1] - flights.base(index, tau)[1]
+    expected = SHAKEN.damping * (np.outer(half, weights).ravel() @ slip**2)
+    assert flights.integrals()[0].dashpot == pytest.approx(expected, rel=1e-11)
+
+
 def test_where_samples_are_missing():
     """A replay needs none; those missing are counted."""
     start, samples, events, end = simulated(BENCH, 60, AT_REST)
