@@ -264,8 +264,8 @@ def integrate_flights(
     """
     Add the integrals over flights to the `sums`; return the number of flights.
 
-    `fastest` is the circular frequency of the fastest oscillation, rad/s; spring and dashpot are in
-    N/m and N s/m, and `shaken` is whether a base moves.
+    `fastest` is the circular frequency of the fastest oscillation, rad/s; the constants of spring
+    and dashpot are in N/m and N s/m, and `shaken` is whether a base moves.
     """
     for i in range(len(flights)):
         equation = equations[i]

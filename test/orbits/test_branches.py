@@ -224,27 +224,6 @@ def test_motions_with_reversals_are_followed():
     assert [orbit.stable for orbit in around(point, 'gap')] == [True, False]
 
 
-@pytest.mark.parametrize(
-    ('low', 'high', 'words'),
-    [
-        (40.0, 30.0, 'gap from 40 to 30 is no range: give two numbers, the low end first'),
-        (math.nan, 40.0, 'gap from nan to 40 is no range'),
-        (50.0, 60.0, 'gap is 37 where the branch begins: give a range around that, not 50 to 60'),
-    ],
-)
-def test_ranges_without_the_motion(low, high, words):
-    """Such a range once ended in a message of a root finder, or at an end that was not reached."""
-    orbit = stable_orbit(HORIZONTAL)
-    with pytest.raises(OrbitError, match=words):
-        follow(orbit, 'gap', low, high)
-
-
-@pytest.mark.parametrize('name', ['one_sided', 'colour', 'multisine_lines'])
-def test_what_cannot_be_varied(name):
-    with pytest.raises(OrbitError, match='cannot be varied: give one of primary_mass'):
-        follow(stable_orbit(HORIZONTAL), name, 0.0, 1.0)
-
-
 def test_both_directions_are_one_branch(gaps):
     assert (gaps.began, gaps.ended) == (
         'gap = 20, the end of the range',
@@ -436,36 +415,48 @@ def test_friction_that_begins_at_zero():
     assert min(map(orbit.distance, expected)) < 1e-9
 
 
+SEVERAL = HORIZONTAL.replace(
+    force_amplitudes=(1.0, 0.1), force_frequencies=(1.0, 2.0), force_phases=(0.0, 0.3)
+)
+UNLIKE = HORIZONTAL.replace(restitution_1=0.6, restitution_2=0.8)
+
+
+def with_multisine(level):
+    return HORIZONTAL.replace(multisine_level=level)
+
+
 @pytest.mark.parametrize(
-    ('name', 'low', 'high', 'words'),
+    ('rig', 'path', 'low', 'high', 'words'),
     [
         (
-            'angle',
-            -2.0,
-            2.0,
-            'angle from -2 to 2 is beyond what is admissible: give a range within',
+            HORIZONTAL,
+            'gap',
+            40.0,
+            30.0,
+            'gap from 40 to 30 is no range: give two numbers, the low',
         ),
-        ('gap', 20.0, math.inf, 'give two numbers, the low end first'),
-        ('force_frequencies', 0.9, 1.2, 'the others do not follow it'),
+        (HORIZONTAL, 'gap', math.nan, 40.0, 'gap from nan to 40 is no range'),
+        (HORIZONTAL, 'gap', 20.0, math.inf, 'give two numbers, the low end first'),
+        (HORIZONTAL, 'gap', 50.0, 60.0, 'gap is 37 where the branch begins: give a range around'),
+        (HORIZONTAL, 'angle', -2.0, 2.0, 'angle from -2 to 2 is beyond what is admissible: give'),
+        (HORIZONTAL, 'one_sided', 0.0, 1.0, 'cannot be varied: give one of primary_mass'),
+        (HORIZONTAL, 'colour', 0.0, 1.0, 'cannot be varied: give one of primary_mass'),
+        (HORIZONTAL, 'multisine_lines', 0.0, 1.0, 'cannot be varied: give one of primary_mass'),
+        (HORIZONTAL, with_multisine, 0.0, 0.5, 'multisine_level'),
+        (SEVERAL, 'force_frequencies', 0.9, 1.2, 'the others do not follow it'),
+        (UNLIKE, 'restitution', 0.4, 0.9, r'restitution_1 is 0\.6 and restitution_2 0\.8'),
     ],
 )
-def test_what_cannot_be_followed(name, low, high, words):
-    rig = HORIZONTAL.replace(
-        force_amplitudes=(1.0, 0.1), force_frequencies=(1.0, 2.0), force_phases=(0.0, 0.3)
-    )
+def test_what_cannot_be_followed(rig, path, low, high, words):
+    """Such a range once ended in a message of a root finder, or at an end that was not reached."""
     with pytest.raises(OrbitError, match=words):
-        follow(stable_orbit(rig), name, low, high)
+        follow(find_orbits(rig, (1, 2)).orbits[0], path, low, high)
 
 
-def test_one_name_for_two_different_restitutions():
-    """Such a branch once had one point, a motion of another rig than its own."""
-    rig = HORIZONTAL.replace(restitution_1=0.6, restitution_2=0.8)
-    orbit = find_orbits(rig, (1, 2)).orbits[0]
-    with pytest.raises(OrbitError, match=r'restitution_1 is 0\.6 and restitution_2 0\.8'):
-        follow(orbit, 'restitution', 0.4, 0.9)
+def test_a_path_of_two_different_restitutions():
     points = follow(
-        orbit,
-        lambda s: rig.replace(restitution_1=0.6 * s, restitution_2=0.8 * s),
+        find_orbits(UNLIKE, (1, 2)).orbits[0],
+        lambda s: UNLIKE.replace(restitution_1=0.6 * s, restitution_2=0.8 * s),
         0.9,
         1.1,
         start=1.0,
@@ -480,13 +471,6 @@ def test_a_point_is_left_along_the_parameter_of_its_branch(vertical):
     doubling = only(vertical, SpecialKind.PERIOD_DOUBLING)
     with pytest.raises(OrbitError, match=r'of its own branch, where damping is 0\.1'):
         switch_branch(doubling, 'damping', 0.0, 1.0)
-
-
-def test_a_path_to_rigs_without_a_period():
-    rig = HORIZONTAL
-    orbit = stable_orbit(rig)
-    with pytest.raises(OrbitError, match='multisine_level'):
-        follow(orbit, lambda s: rig.replace(multisine_level=s), 0.0, 0.5, start=0.0)
 
 
 def test_a_branch_that_closes_and_the_range_of_its_motions():
