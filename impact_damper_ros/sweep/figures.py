@@ -108,25 +108,13 @@ def _place_text(axis: Axis, value: float, rig: RigParameters) -> str:
 
 
 def _scale_axis(drawn: Any, axis: Axis) -> None:
-    """Put ticks of an axis that is drawn in SI at round numbers of its own unit."""
-    from matplotlib.ticker import AutoLocator, LogLocator, NullLocator
+    """Put ticks of a logarithmic axis that has a unit of its own at round numbers."""
+    from matplotlib.ticker import LogLocator, NullLocator
 
-    factor, kind = axis.factor, LogLocator if axis.logarithmic else AutoLocator
-    if factor == 1.0:
-        return
-
-    class Scaled(kind):  # type: ignore[misc, valid-type]
-        """The ticks of the other unit."""
-
-        def tick_values(self, vmin: float, vmax: float) -> Any:
-            return factor * super().tick_values(vmin / factor, vmax / factor)
-
-        def __call__(self) -> Any:
-            return self.tick_values(*self.axis.get_view_interval())
-
-    drawn.set_major_locator(Scaled(subs=(1.0, 2.0, 5.0)) if axis.logarithmic else Scaled())
-    drawn.set_minor_locator(NullLocator())
-    drawn.set_major_formatter(lambda value, _: f'{value / factor:.6g}')
+    if axis.unit and axis.logarithmic:
+        drawn.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        drawn.set_minor_locator(NullLocator())
+        drawn.set_major_formatter('{x:.6g}')
 
 
 def _best_text(optimum: Optimum) -> str:
@@ -149,7 +137,7 @@ def _set_axes(axes: Any, grid: Grid) -> None:
 
 def _cell_edges(axis: Axis) -> Array:
     """Return the edges of the cells that have the values of an axis in their middle."""
-    values = np.array(axis.values, dtype=float)
+    values = axis.shown
     if len(values) == 1:
         return np.array([values[0] - 0.5, values[0] + 0.5])
     if axis.logarithmic:
@@ -240,7 +228,7 @@ def _without_damper(grid: Grid, measure: str) -> tuple[Array, Array] | None:
             size = rig.response_amplitude
             sizes = {'x_max': size, 'x_max_ratio': 1.0, 'x_rms': size / math.sqrt(2.0)}
             found[place] = sizes[measure]
-    return values, np.where(np.isfinite(found), found, np.nan)
+    return values / axis.factor, np.where(np.isfinite(found), found, np.nan)
 
 
 # The light scheme of Paul Tol, distinguishable with any colour vision; grey marks failures.
@@ -330,12 +318,15 @@ def _ends_of_stability(branch: Branch) -> Iterator[SpecialPoint]:
     return (special for special in branch.special if id(special.orbit) in stable)
 
 
-def _draw_branch(axes: Any, branch: Branch, heights: Array, *, unstable: bool = True) -> None:
+def _draw_branch(
+    axes: Any, branch: Branch, factor: float, heights: Array, *, unstable: bool = True
+) -> None:
     """Draw a quantity along a branch: solid where it is stable, dashed where it is not."""
+    values = np.array(branch.values) / factor
     for status, part in branch.parts():
         if status != 'not viable' and (unstable or status != 'unstable'):
             look = {**MOTION_LINES[status], 'linewidth': 0.9, 'zorder': 2.5}
-            axes.plot(branch.values[part], heights[part], **look)
+            axes.plot(values[part], heights[part], **look)
 
 
 def _draw_phases(axes: Any, table: pd.DataFrame, grid: Grid) -> None:
@@ -350,7 +341,7 @@ def _draw_phases(axes: Any, table: pd.DataFrame, grid: Grid) -> None:
             x, y = (column.astype(float).to_numpy() for _, column in phases.items())
             look = _LOOKS[direction]
             axes.plot(
-                *(x, y),
+                *(x / grid.axes[0].factor, y),
                 linestyle='none',
                 marker='o',
                 markeredgewidth=0.0,
@@ -362,7 +353,9 @@ def _draw_phases(axes: Any, table: pd.DataFrame, grid: Grid) -> None:
             )
 
 
-def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str) -> list[Any]:
+def _draw_theory(
+    panels: Sequence[Any], branches: Sequence[Branch], factor: float, measure: str
+) -> list[Any]:
     """Draw branches and their special points in all panels; return the entries of a legend."""
     from matplotlib.lines import Line2D
 
@@ -374,16 +367,17 @@ def _draw_theory(panels: Sequence[Any], branches: Sequence[Branch], measure: str
         for column in np.unwrap(phases.T, period=1.0):
             # Once for each cycle into which the line reaches
             for turn in range(math.floor(column.min()), math.floor(column.max()) + 1):
-                _draw_branch(upper, branch, column - turn)
+                _draw_branch(upper, branch, factor, column - turn)
         for axes in lower:
             exponents = np.array([_exponent(orbit) for orbit in branch.orbits])
-            _draw_branch(axes, branch, exponents, unstable=False)
+            _draw_branch(axes, branch, factor, exponents, unstable=False)
         if of_measure is None:
             continue
-        _draw_branch(middle, branch, np.array([of_measure(orbit) for orbit in branch.orbits]))
+        heights = np.array([of_measure(orbit) for orbit in branch.orbits])
+        _draw_branch(middle, branch, factor, heights)
         for special in _ends_of_stability(branch):
             kinds.add(special.kind)
-            place = special.value, of_measure(special.orbit)
+            place = special.value / factor, of_measure(special.orbit)
             middle.plot(*place, **_special_look(special.kind))
     if not branches:
         return []
@@ -417,7 +411,7 @@ def _draw_optimum(axes: Any, grid: Grid, optimum: Optimum) -> None:
     rig, (axis,) = grid.setup.parameters, grid.axes
     place = _place_text(axis, optimum.values[0], rig)
     axes.plot(
-        *(optimum.values[0], optimum.value),
+        *(optimum.values[0] / axis.factor, optimum.value),
         marker='*',
         markersize=7.0,
         color='black',
@@ -438,7 +432,7 @@ def bifurcation_figure(
 
     grid = Grid.from_inputs(table.attrs['inputs'])
     axis = grid.axes[0]
-    values = np.array(axis.values, dtype=float)
+    values = axis.shown
     cycle = _numbers(table.cycle)
     exponent = _numbers(table.lyapunov_exponent) * cycle
     exponents = bool(np.isfinite(exponent).any())
@@ -468,7 +462,7 @@ def bifurcation_figure(
         low = max(finite.min(), np.quantile(finite, 0.02) - 0.2)
         high = np.nanmax(np.where(np.isfinite(exponent), exponent + error, np.nan))
         panels[2].set_ylim(low - 0.04 * (high - low) - 0.02, high + 0.06 * (high - low) + 0.02)
-    handles = _draw_theory(panels, branches, measure)
+    handles = _draw_theory(panels, branches, axis.factor, measure)
     if branches and measure == 'largest_multiplier':
         middle.set_ylim(limits)
     if optimum is not None:
@@ -555,8 +549,8 @@ def _draw_map(
     for name, rows in _classes(table).items():
         i, j = np.nonzero(_grids(grid, rows)[turn][1])
         axes.plot(
-            np.array(across.values)[i],
-            np.array(up.values)[j],
+            across.shown[i],
+            up.shown[j],
             linestyle='none',
             marker='o',
             markersize=size,
@@ -567,9 +561,7 @@ def _draw_map(
     impacts = _grids(grid, _numbers(table.impacts_per_cycle))[turn][1]
     if min(impacts.shape) > 1 and (impacts > 0.0).any() and (impacts == 0.0).any():
         some = np.ma.masked_invalid(np.where(np.isnan(impacts), np.nan, impacts > 0.0))
-        edge = axes.contour(
-            across.values, up.values, some.T, [0.5], colors='white', linewidths=1.0
-        )
+        edge = axes.contour(across.shown, up.shown, some.T, [0.5], colors='white', linewidths=1.0)
         edge.set_path_effects(_outline())
     return mesh
 
@@ -622,7 +614,9 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
     ):
         mesh = _draw_map(axes, table, grid, turn, cells, norm=scale, cmap=scheme)
         if optimum is not None and turn == best:
-            axes.plot(*([value] for value in optimum.values), clip_on=False, zorder=6, **_STAR)
+            pairs = zip(optimum.values, grid.axes, strict=True)
+            place = (value / axis.factor for value, axis in pairs)
+            axes.plot(*place, clip_on=False, zorder=6, **_STAR)
         _set_axes(axes, grid)
         if turn:
             axes.set_ylabel('')

@@ -136,6 +136,11 @@ class Axis:
         """Factor from the unit of the axis to SI."""
         return UNITS[self.varied[0].spec.unit][self.unit] if self.unit else 1.0
 
+    @property
+    def shown(self) -> npt.NDArray[np.float64]:
+        """The values in the unit of the axis."""
+        return np.array(self.values, float) / self.factor
+
     def shown_unit(self, rig: RigParameters) -> str:
         """Return the unit of shown values, which for amplitudes of the base depends on the rig."""
         return self.unit or self.varied[0].si_unit(rig)
