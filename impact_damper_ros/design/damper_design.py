@@ -204,10 +204,6 @@ def rounded_gap(gap: float) -> float:
     return float(f'{gap:.{_DIGITS}g}')
 
 
-def _is_kept(orbit: PeriodicOrbit) -> bool:
-    return orbit.viable and orbit.stable
-
-
 def _motions(rig: RigParameters) -> Iterator[PeriodicOrbit]:
     """Yield the viable motions of two impacts of a rig, stable or not."""
     # All motions are found for a rig without friction, and then followed in the friction.
@@ -255,7 +251,7 @@ def _best_to_build(branch: Branch) -> PeriodicOrbit | None:
         for gap in gaps
         for orbit in branch.at([gap])[0]
     ]
-    kept = [orbit for orbit in motions if orbit is not None and _is_kept(orbit)]
+    kept = [orbit for orbit in motions if orbit and orbit.viable and orbit.stable]
     return min(kept, key=lambda orbit: abs(orbit.x_max - best.orbit.x_max), default=None)
 
 
@@ -276,12 +272,6 @@ def _span_of(
         if span.low_reason and span.high_reason:
             break
     return span
-
-
-def reaches(rig: RigParameters, x_max: float) -> bool:
-    """Return whether a rig from rest settles on a motion with impacts and that largest |X|."""
-    settled = settle(Rig(rig, compiled=None))
-    return settled.rhythm is not None and abs(settled.x_max / x_max - 1.0) < _SAME
 
 
 def best_from_rest(rig: RigParameters, widest: float) -> tuple[FromRest, FromRest]:
@@ -353,7 +343,9 @@ def best_design(rig: RigParameters) -> Design | None:
         return None
     orbit, branch = min(motions, key=lambda pair: pair[0].x_max)
     there = orbit.parameters
-    reached = reaches(there, orbit.x_max)
+    settled = settle(Rig(there, compiled=None))
+    near = abs(settled.x_max / orbit.x_max - 1.0) < _SAME
+    reached = settled.rhythm is not None and near
     widest = widest_hit(there)
     alone, any_gap = best_from_rest(there, widest)
     if alone.x_max > (1.0 - _WORTH) * there.response_amplitude:

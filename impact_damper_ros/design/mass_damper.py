@@ -77,11 +77,6 @@ def mass_damper_response(rig: RigParameters, tuning: Tuning, frequencies: Array)
     return response
 
 
-def bare_response(rig: RigParameters, frequencies: Array) -> Array:
-    """Return the amplitude of X of M alone, m."""
-    return bare_amplitudes(rig, {'frequency': frequencies})
-
-
 class Comparison(NamedTuple):
     """
     Comparison of an impact damper from rest with no damper, and with two mass dampers.
@@ -134,7 +129,7 @@ def compare_dampers(rig: RigParameters, low: float, high: float) -> Comparison:
     return Comparison(
         frequencies,
         levels,
-        bare_response(rig, frequencies),
+        bare_amplitudes(rig, {'frequency': frequencies}),
         mass_damper_response(rig, den_hartog(rig), frequencies),
         mass_damper_response(rig, tuned_to_excitation(rig), frequencies),
         sizes.reshape(len(levels), len(frequencies)),

@@ -156,14 +156,16 @@ def difference(here: PeriodicOrbit, there: PeriodicOrbit) -> str:
 _MEASURES = ('x_max', 'x_max_ratio', 'impacts', 'cycles', 'period', 'residual')
 
 
-def _measure(name: str) -> Callable[[BranchPoint], float]:
-    """Return a function that reads a number of motions; raise ValueError for an unknown name."""
-    if name not in _MEASURES:
-        close = similar_names(name, _MEASURES)
+def _measure(measure: str | Callable[[PeriodicOrbit], float]) -> Callable[[BranchPoint], float]:
+    """Return a function that measures a point; raise ValueError for an unknown name."""
+    if not isinstance(measure, str):
+        return lambda point: measure(point.orbit)
+    if measure not in _MEASURES:
+        close = similar_names(measure, _MEASURES)
         hint = f'did you mean {close}? There are {", ".join(_MEASURES)}' if close else ''
         hint = hint or f'give one of {", ".join(_MEASURES)}'
-        raise ValueError(f'measure is {quote(name)}: {hint}, or a function of the motion')
-    return attrgetter(name if name == 'x_max' else f'orbit.{name}')
+        raise ValueError(f'measure is {quote(measure)}: {hint}, or a function of the motion')
+    return attrgetter(measure if measure == 'x_max' else f'orbit.{measure}')
 
 
 #: Error of the place of the best motion, as a share of a step of the branch.
@@ -368,7 +370,7 @@ class Branch:
         ValueError
             If motions have no such number.
         """
-        size = _measure(measure) if isinstance(measure, str) else _of_orbit(measure)
+        size = _measure(measure)
         fit = [point for point in self.points if point.performed]
         if not fit:
             return None
@@ -484,11 +486,6 @@ class Branch:
             ended=further.ended,
             _polylines=(*self._polylines, *further._polylines),
         )
-
-
-def _of_orbit(measure: Callable[[PeriodicOrbit], float]) -> Callable[[BranchPoint], float]:
-    """Return a function that measures the motion at a point."""
-    return lambda point: measure(point.orbit)
 
 
 #: Reasons for the end of a branch.

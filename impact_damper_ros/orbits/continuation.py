@@ -180,13 +180,12 @@ def _beyond_meeting(
     return None
 
 
-def _comes_to(curve: SolutionCurve, here: BranchPoint, there: BranchPoint, within: float) -> bool:
-    """Return whether a curve reaches another point, to within a distance."""
-    chord = there.place - here.place
-    if np.linalg.norm(chord) >= within or float(there.tangent @ here.tangent) < SHARPEST_TURN:
+def _comes_to(here: BranchPoint, there: BranchPoint) -> bool:
+    """Return whether the curve of a point reaches another one."""
+    if float(there.tangent @ here.tangent) < SHARPEST_TURN:
         return False
-    ahead = float(chord @ here.tangent)
-    met = curve.correct(here.place + ahead * here.tangent, here.tangent)
+    ahead = float((there.place - here.place) @ here.tangent)
+    met = here.curve.correct(here.place + ahead * here.tangent, here.tangent)
     return met is not None and bool(np.linalg.norm(met.place - there.place) < _SAME_PLACE)
 
 
@@ -198,20 +197,9 @@ def _closes(points: Sequence[BranchPoint], since: int) -> int | None:
     near = np.linalg.norm(places[1:] - places[0], axis=1) < half
     for number in np.flatnonzero(near) + 1:
         k = ordinary[number]
-        if k < since or number < _FEWEST:
-            continue
-        if _comes_to(points[k].curve, points[k], points[0], float(half[number - 1])):
+        if k >= since and number >= _FEWEST and _comes_to(points[k], points[0]):
             return k
     return None
-
-
-def _fresh_curve(
-    curve: SolutionCurve, here: BranchPoint, there: BranchPoint
-) -> tuple[SolutionCurve, BranchPoint] | None:
-    """Return the motion with other nodes that the rig performs beyond a point, and its curve."""
-    if _turns(here, there):
-        return _beyond_meeting(curve, here, there)
-    return _performed_beyond(curve, there)
 
 
 def _grow(curve: SolutionCurve, point: BranchPoint) -> Branch:
@@ -241,7 +229,11 @@ def _grow(curve: SolutionCurve, point: BranchPoint) -> Branch:
         elif why == LOST:
             ended = NONE_NEARBY
         elif beyond is not None:
-            fresh = _fresh_curve(curve, here, beyond)
+            fresh = (
+                _beyond_meeting(curve, here, beyond)
+                if _turns(here, beyond)
+                else _performed_beyond(curve, beyond)
+            )
             if fresh is None:
                 step *= 0.5
                 ended = NONE_NEARBY if step < LEAST_STEP * along.largest_step else ''

@@ -179,18 +179,15 @@ def write_linear_system(problem: Problem) -> int:
     first = begin_system(problem, count + 3)
     rate = sqrt(sheet[RIG, STIFFNESS] / sheet[RIG, MASS])
     for j in range(count):
-        ahead_x, ahead_v = fly_from_rest(problem, j, 0.0)
-        aside_x, aside_v = fly_from_rest(problem, j, 0.5 * HALF_TURN)
-        back_x, back_v = fly_from_rest(problem, j, HALF_TURN)
+        ahead = fly_from_rest(problem, j, 0.0)
+        aside = fly_from_rest(problem, j, 0.5 * HALF_TURN)
+        back = fly_from_rest(problem, j, HALF_TURN)
         add_flight(problem, first, j)
         for k in range(2):
             row = first + j + k * count
             scale = 1.0 if k == 0 else 1.0 / rate
-            ahead, aside, back = ahead_x, aside_x, back_x
-            if k == 1:
-                ahead, aside, back = ahead_v, aside_v, back_v
-            constant = 0.5 * (ahead + back)
-            sheet[row, count] -= scale * 0.5 * (ahead - back)
-            sheet[row, count + 1] -= scale * (aside - constant)
+            constant = 0.5 * (ahead[k] + back[k])
+            sheet[row, count] -= scale * 0.5 * (ahead[k] - back[k])
+            sheet[row, count + 1] -= scale * (aside[k] - constant)
             sheet[row, count + 2] -= scale * constant
     return first

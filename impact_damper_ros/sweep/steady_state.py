@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.kernels import call_kernel
 from impact_damper_ros.motion.state import Mode
-from impact_damper_ros.orbits.flight_arrays import FlightStart, row_of_rig
+from impact_damper_ros.orbits.flight_arrays import FlightStart, rows_of_samples
 from impact_damper_ros.orbits.flight_integrals import chatter_time
 from impact_damper_ros.orbits.flights import machine_of, moving_at, rig_on
 from impact_damper_ros.orbits.settled_motion import (
@@ -108,10 +108,6 @@ def _run(
     return result
 
 
-def _known_or_none(value: float) -> float | None:
-    return None if math.isnan(value) else value
-
-
 def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     """Measure a motion over its period, or the cycles to watch; return its row of the table."""
     period = 0 if found.period is None else found.period.cycles
@@ -120,7 +116,7 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     begin = FlightStart.of(rig)
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
     parameters = rig.parameters
-    flights = begin.flights(parameters, result.events, row_of_rig(rig))
+    flights = begin.flights(parameters, result.events, rows_of_samples(result.samples[-1:]))
     integrals, largest = flights.integrals()
     alone = Transmissibility.without_damper(parameters)
     shaken = integrals.transmissibility.by_name() | alone.by_name('_without_damper')
@@ -150,14 +146,14 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'impacts': len(hits) if period else None,
         'stops': _sequence(result.events) if period else None,
         'x_max': largest,
-        'x_max_ratio': _known_or_none(ratio),
+        'x_max_ratio': ratio,
         'x_rms': integrals.x_rms,
         'x_mean': integrals.total / integrals.covered,
-        **{name: _known_or_none(value) for name, value in shaken.items()},
+        **shaken,
         'impacts_per_cycle': len(impacts) / cycles,
-        'lyapunov_exponent': _known_or_none(found.exponent.value),
-        'lyapunov_uncertainty': _known_or_none(found.exponent.uncertainty),
-        'largest_multiplier': _known_or_none(found.multiplier),
+        'lyapunov_exponent': found.exponent.value,
+        'lyapunov_uncertainty': found.exponent.uncertainty,
+        'largest_multiplier': found.multiplier,
         'stick_share': float(spent[Mode.STICK]),
         'rest_share': float(spent[Mode.REST_1] + spent[Mode.REST_2]),
         'chatter_share': call_kernel(chatter_time, around, found.end, end) / (end - found.end),
