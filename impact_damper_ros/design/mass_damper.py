@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from impact_damper_ros.orbits.transmissibility import dynamic_stiffness
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .runs_from_rest import Array, bare_amplitudes, largest_in_short
@@ -71,9 +72,8 @@ def mass_damper_response(rig: RigParameters, tuning: Tuning, frequencies: Array)
     inertia = -m * frequencies**2
     # Dynamic stiffness of the mass on its spring, which acts on M
     reaction = inertia * link / (inertia + link)
-    dynamic = rig.stiffness - rig.primary_mass * frequencies**2 + 1j * frequencies * rig.damping
     force = np.array([abs(rig.with_first_frequency(w).first_harmonic[0]) for w in frequencies])
-    response: Array = force / np.abs(dynamic + reaction)
+    response: Array = force / np.abs(dynamic_stiffness(rig, frequencies) + reaction)
     return response
 
 

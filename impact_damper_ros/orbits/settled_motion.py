@@ -258,7 +258,7 @@ class _SettlingRig:
     """A rig that is run by whole cycles of its force, and the records of its last cycles."""
 
     def __init__(self, rig: Rig, watch: int, most_events: int, longest: int) -> None:
-        parameters, state = rig.parameters, rig.state()
+        parameters, self.begin = rig.parameters, FlightStart.of(rig)
         self.rig, self.parameters, self.longest = rig, parameters, longest
         self.cycle = cycle_of(parameters)
         self.rate = max(math.tau / self.cycle, parameters.omega)
@@ -267,10 +267,12 @@ class _SettlingRig:
         self.parts: list[_Part] = []
         self.last = np.empty(0, EVENT_TYPE)
         self._static = max(map(abs, parameters.harmonics[0]), default=0.0) / parameters.stiffness
-        self.begin = FlightStart.of(rig)
-        since = self.start - self.begin.drive.time
-        self.turned = state.angles[0] + parameters.first_harmonic[1] * since
-        turns = [rate * self.cycle / math.tau for rate in _active_rates(parameters)]
+        drive = self.begin.drive
+        since = self.start - drive.time
+        self.turned = drive.angles[0] + parameters.first_harmonic[1] * since
+        rates = _active_rates(parameters)
+        self.forced = bool(rates)
+        turns = [rate * self.cycle / math.tau for rate in rates]
         self.driven = parameters.sweep_mode == 'off' and _repeat(turns, longest)
         law = rig.control
         noisy = law.gap_control_noise_position or law.gap_control_noise_velocity
@@ -332,8 +334,7 @@ class _SettlingRig:
             flights = begin.flights(self.parameters, result.events, self.last)
             size += flights.cut(self.time, math.inf).integrals()[1]
         # A rig without force has settled once its start has decayed.
-        forced = bool(_active_rates(self.parameters))
-        self._size = size if forced else max(size, self._size)
+        self._size = size if self.forced else max(size, self._size)
         if self._controlled:
             # Stops that still move are not settled, whether m reaches them or not.
             samples = result.samples[1::2]
@@ -388,8 +389,7 @@ class _SettlingRig:
         motion = self.result(MotionKind.PERIODIC, period=period)
         kind = motion.kind
         if not motion.impacts:
-            forced = bool(_active_rates(self.parameters))
-            kind = MotionKind.NO_IMPACTS if forced else MotionKind.AT_REST
+            kind = MotionKind.NO_IMPACTS if self.forced else MotionKind.AT_REST
         if self.rig.moves_stops:
             return replace(motion, kind=kind)
         # The period before gives the error.

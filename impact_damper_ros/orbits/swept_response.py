@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import Event, EventKind, table_of_events
+from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
@@ -112,8 +113,7 @@ def _alone(rig: RigParameters, force: Array, frequency: Array) -> tuple[Array, A
     level = np.abs(force)
     if rig.swept == 'base':
         moved = np.abs(force / pull)
-        power = {'displacement': 0, 'velocity': 1, 'acceleration': 2}[rig.base_quantity]
-        level = moved * frequency**power
+        level = moved * frequency ** ORDERS[rig.base_quantity]
     # |X - b| = M W^2 |b| / |K + i C W - M W^2|; without a base it is |X|
     inertia = rig.primary_mass * frequency**2
     with np.errstate(invalid='ignore'):

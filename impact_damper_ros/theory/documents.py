@@ -38,11 +38,12 @@ from typing import Any
 
 import numpy as np
 
+from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.rig.rig import Rig
 
-from .expected_motion import predictions, zero_of_force
+from .expected_motion import predictions
 from .gap_curve import GapCurve, name_of
 from .motion_curve import orbit_curve
 from .prediction import ObservedMotion, Prediction, failed_document
@@ -161,7 +162,7 @@ def orbit_message(rig: Rig, prediction: Prediction) -> dict[str, Any]:
         over = np.where(np.arange(len(rows)) < len(rows) - turn, expected.cycles, 0)
         phase = np.maximum.accumulate(rows[:, 0] - over)
         message |= {
-            't_zero': zero_of_force(rig),
+            't_zero': FlightStart.of(rig).drive.zero,
             't': (phase * expected.cycle).tolist(),
             'phase': phase.tolist(),
             'x': rows[:, 1].tolist(),

@@ -53,13 +53,6 @@ def run_ahead(rig: Rig, most_cycles: int = _MOST_CYCLES_AHEAD) -> SettledMotion:
     )
 
 
-def zero_of_force(rig: Rig) -> float:
-    """Return the last rig time at which the angle of the first harmonic was zero, s."""
-    state = rig.state()
-    turned = state.angles[0] % math.tau
-    return state.run.time + state.run.time_low - turned / state.parameters.first_harmonic[1]
-
-
 class _Orbits:
     """The different motions found so far, the best first."""
 
