@@ -10,7 +10,7 @@ import { entry } from '../glossary.js';
 const MARKS = { fold: 'fold', 'period doubling': 'doubling', 'Neimark-Sacker': 'neimark-sacker', 'branch point': 'branch-point', grazing: 'grazing' };
 const KINDS = ['not viable', 'unstable', 'stable'];
 
-class GapCurve extends Axes {
+export class GapCurve extends Axes {
   constructor(canvas, store, setGap) {
     super(canvas);
     this.store = store;
