@@ -375,6 +375,14 @@ def test_theory_is_drawn_and_its_curve_sets_the_gap(opened, parameters):
     page.click('#pause')
     page.expect('#status').to_have_text('paused')
     page.wait('impactDamper.history.paused && impactDamper.theory.orbit?.found')
+    page.drawn()
+    now = page('#legend [data-series=x] dd').text_content()
+    page('#plot-canvas').hover(position={'x': 800, 'y': 60}, force=True)
+    page.expect('#legend [data-series=x] dd').to_have_text(
+        re.compile(f'^(?!{re.escape(now)})[\\d.−]+ mm$')
+    )
+    page.tab.mouse.move(1, 1)
+    page.expect('#legend [data-series=x] dd').to_have_text(now)
     names = '#portrait-canvas', '#map-canvas', '#plot-canvas'
     for _ in ('off', 'on'):
         page.drawn()
@@ -414,6 +422,8 @@ def test_theory_is_drawn_and_its_curve_sets_the_gap(opened, parameters):
         place = page(f'#{plot}-canvas')
         place.hover(position={'x': 120, 'y': 90}, force=True)
         page.expect(f'#{plot} .read-out').to_have_text(re.compile(words))
+    page('#multipliers-canvas').hover(position={'x': 9, 'y': 9}, force=True)
+    page.expect('#verdict .read-out').to_have_text(re.compile('λ. .*°'))
     page.key('ArrowRight')
     until(lambda: parameters.get('gap') == pytest.approx(1.01 * here, rel=1e-3))
 

@@ -9,12 +9,10 @@ import { toast } from './dom.js';
 const LATE = 2000;
 
 export class Actions {
-  /** Whether a step has not been answered yet. */
-  stepping = false;
-
   constructor(/** @type {import('./store.js').Store} */ store, /** @type {import('./protocol.js').Connection} */ connection) {
     this.store = store;
     this.connection = connection;
+    this.stepping = false;
   }
 
   /** Send a request; return whether it was carried out, and show why if not. */

@@ -68,9 +68,6 @@ export function clock(seconds, exact = false) {
   return `${sign}${hours ? `${hours}:` : ''}${parts.join(':')}${rest}`;
 }
 
-/** Return a size in bytes. */
-export const bytes = (size) => withUnit(size, 'B', 2);
-
 /** Steps of 1, 2 or 5 that cut a range into about so many parts, and how many decimals they need. */
 export function ticks(low, high, about) {
   const rough = (high - low) / Math.max(1, about);

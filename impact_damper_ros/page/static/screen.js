@@ -13,12 +13,10 @@ import { readColours } from './chart.js';
  */
 
 export class Screen {
-  /** Of the motion that is drawn. */
-  version = -1;
-
   constructor(/** @type {Store} */ store, /** @type {Drawn[]} */ panels) {
     this.store = store;
     this.panels = panels;
+    this.version = -1;
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.recolour());
     // The size of letters may be another one.
     addEventListener('resize', () => this.recolour());

@@ -4,17 +4,16 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { bytes, clock, digits, lengthUnit, niceAbove, ticks, typed, withUnit } from '../../../impact_damper_ros/page/static/format.js';
+import { clock, digits, lengthUnit, niceAbove, ticks, typed, withUnit } from '../../../impact_damper_ros/page/static/format.js';
 import { readTyped, SliderScale } from '../../../impact_damper_ros/page/static/slider.js';
 import { Theory } from '../../../impact_damper_ros/page/static/theory.js';
 import { changeInWords, push, rigInWords, Units, verdictInWords } from '../../../impact_damper_ros/page/static/words.js';
 
 const TABLE = [
   [digits, [[[0], '0'], [[null], '–'], [[NaN], '–'], [[12.3456], '12.3'], [[-0.00123456, 4], '−0.001235'], [[1234567], '1.23e+6']]],
-  [withUnit, [[[0.0241, 'm'], '24.1\u202fmm'], [[0, 'N'], '0\u202fN'], [[999.9996, 'Hz'], '1.00\u202fkHz'], [[-3e-7, 'm', 2], '−300\u202fnm']]],
+  [withUnit, [[[0.0241, 'm'], '24.1\u202fmm'], [[0, 'N'], '0\u202fN'], [[999.9996, 'Hz'], '1.00\u202fkHz'], [[-3e-7, 'm', 2], '−300\u202fnm'], [[1234567, 'B', 2], '1.2\u202fMB']]],
   [typed, [[[0.0241], '0.0241'], [[0.1 + 0.2], '0.3'], [[31.416 / (2 * Math.PI), 5e-6], '5'], [[1.96133, 5e-6], '1.96133'], [[1e21], '1e+21'], [[Infinity], '']]],
   [clock, [[[75], '75.00\u202fs'], [[3725.25, true], '1:02:05.250'], [[-1], '−1.00\u202fs'], [[NaN], '–']]],
-  [bytes, [[[1234567], '1.2\u202fMB']]],
   [(...range) => ticks(...range).decimals, [[[0, 0.2, 4], 2], [[0, 40, 4], 0]]],
   [niceAbove, [[[0.0241], 0.025], [[1], 1], [[NaN], 1], [[7.1e5], 8e5]]],
   [(size) => lengthUnit(size).unit, [[[3], 'm'], [[0.02], 'mm'], [[2e-5], 'µm']]],

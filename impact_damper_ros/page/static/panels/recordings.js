@@ -2,7 +2,7 @@
 // The recordings: play, download, compare with theory.
 
 import { byId, copyOf, mark, toast, write } from '../dom.js';
-import { bytes, clock } from '../format.js';
+import { clock, withUnit } from '../format.js';
 
 /** @type {import('../screen.js').Mount} */
 export const mount = (root, store, actions) => {
@@ -31,7 +31,7 @@ export const mount = (root, store, actions) => {
     write(row.querySelector('p'), [
       // A simulated run begins at zero and has no day.
       one.start > 1e9 ? new Date(1000 * one.start).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' }) : '',
-      one.duration === null ? '' : clock(one.duration), bytes(one.size),
+      one.duration === null ? '' : clock(one.duration), withUnit(one.size, 'B', 2),
       one.files > 1 ? `${one.files} files: to copy them, copy the directory` : '', one.whole ? '' : 'not ended',
     ].filter(Boolean).join(' · '));
     row.querySelector('[download]').hidden = one.files !== 1;

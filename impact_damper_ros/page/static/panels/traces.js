@@ -15,7 +15,6 @@ class Traces extends Axes {
     super(canvas);
     this.store = store;
     this.history = store.history;
-    this.theory = store.theory;
     this.range = new SteadySpan();
     this.unit = lengthUnit(1);
     this.legend = Object.fromEntries(all('#legend div').map((one) => [one.dataset.series, one.lastElementChild]));
@@ -56,7 +55,7 @@ class Traces extends Axes {
       this.context.globalAlpha = 1;
       this.impacts(box);
       // Theory is of X in the laboratory.
-      if (this.store.showTheory && !relative && this.theory.orbit?.t) this.predicted(box);
+      if (this.store.showTheory && !relative && this.store.theory.orbit?.t) this.predicted(box);
       this.controlled(box);
       if (this.pointer) this.lines(colours.steel, 1, [[[this.pointer[0], box.top], [this.pointer[0], box.top + box.height]]]);
     });
@@ -157,7 +156,7 @@ class Traces extends Axes {
   }
 
   predicted({ left, width }) {
-    const { history, theory: { orbit } } = this;
+    const { history, store: { theory, theory: { orbit } } } = this;
     const [from, to] = this.span();
     const begin = Math.max(from, history.lastChange, history.own.samples.row(history.own.samples.start).time ?? from);
     const lines = [];
@@ -167,7 +166,7 @@ class Traces extends Axes {
       const most = orbit.x.reduce((far, value) => Math.max(far, Math.abs(value)), 0);
       for (const value of [most, -most]) lines.push([[this.plan.toX(begin), this.plan.toY(value)], [left + width, this.plan.toY(value)]]);
     } else {
-      const zero = this.theory.zero(history.own.samples, history.end);
+      const zero = theory.zero(history.own.samples, history.end);
       const first = Math.floor((begin - zero - orbit.t[0]) / orbit.period);
       // No more points than pixels.
       const stride = Math.max(1, Math.floor(orbit.t.length / perPeriod));
@@ -194,8 +193,7 @@ class Traces extends Axes {
       this.legend[key].parentElement.hidden = rows.after(this.span()[0]) === rows.end;
     }
     const time = this.pointer ? Math.min(this.plan.fromX(this.pointer[0]), end) : end;
-    const state = own.at(time);
-    if (!state) return;
+    const state = own.at(time) ?? {};
     const { factor, unit } = this.unit;
     const shown = (value) => (Number.isFinite(value) ? `${digits(value * factor, 3)} ${unit}` : '–');
     const ghost = other.samples.length ? other.at(time) : null;
