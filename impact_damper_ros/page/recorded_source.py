@@ -46,7 +46,7 @@ _STEPS = {'step': 'sample', 'step_to_impact': 'impact'}
 _KINDS = {'stretch': ('stretch', 'change', 'reset'), 'change': ('change',)}
 
 
-class RecordedStretch(NamedTuple):
+class PlayedStretch(NamedTuple):
     """The rig from one change to the next."""
 
     state: dict[str, Any]  # state in its snapshot
@@ -79,9 +79,9 @@ class Recording:
         """Return the number of the stretch at an instant."""
         return max(int(np.searchsorted(self.times, time, side='right')) - 1, 0)
 
-    def stretch(self, number: int) -> RecordedStretch:
+    def stretch(self, number: int) -> PlayedStretch:
         """Return a stretch by its number."""
-        return RecordedStretch(*json.loads(zlib.decompress(self.packed[number])))
+        return PlayedStretch(*json.loads(zlib.decompress(self.packed[number])))
 
 
 def load_recording(path: Path) -> Recording:
