@@ -16,7 +16,7 @@ from impact_damper_ros.measured.record import BASE_RECORD
 from impact_damper_ros.motion.event import Event, EventKind, table_of_events
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
-from impact_damper_ros.orbits.flight_arrays import FlightStart, row_of_rig
+from impact_damper_ros.orbits.flight_arrays import FlightStart
 from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.report.formatting import mode_words
@@ -111,7 +111,7 @@ class RunSummary(Observer):
             lines.append(response_text(self.response.response()))
         elif whole and self._begin is not None and parameters.sweep_mode == 'off':
             passed = table_of_events(self._passed)
-            flights = self._begin.flights(parameters, passed, row_of_rig(rig))
+            flights = self._begin.flights(parameters, passed, FlightStart.of(rig).row)
             cycle = cycle_at(parameters)
             since = max(1, int((rig.time - flights.starts[0]) / cycle + _WHOLE)) * cycle
             found = flights.cut(rig.time - since, rig.time).integrals()[0]

@@ -23,14 +23,20 @@ import numpy as np
 
 from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.state import STICK
-from impact_damper_ros.orbits.flight_arrays import STATE, Drive, Flights, rows_of_samples
+from impact_damper_ros.orbits.flight_arrays import (
+    STATE,
+    Drive,
+    Flights,
+    FlightStart,
+    rows_of_samples,
+)
 from impact_damper_ros.orbits.flight_integrals import Integrals
 from impact_damper_ros.parameters.all_parameters import unit_of
 from impact_damper_ros.parameters.quoting import setting
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.replay import RunPart
 from impact_damper_ros.replay.command import Command
-from impact_damper_ros.replay.rows import NO_SAMPLES, Events, Samples, impacts_of, samples_as_rows
+from impact_damper_ros.replay.rows import NO_SAMPLES, Events, Samples, impacts_of
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.snapshot import Snapshot
 from impact_damper_ros.rig.stepped_sine import rig_at
@@ -330,10 +336,7 @@ def _spent(state: Mapping[str, Any]) -> float:
 
 def _state_row(state: Mapping[str, Any]) -> Events:
     """Return the state of a snapshot as a row."""
-    rig = Rig.resume(Snapshot.from_dict(dict(state)))
-    row = rows_of_samples(samples_as_rows([rig.sample()]))
-    row['mode'], row['stop'] = rig.mode, rig.state().run.last_stop
-    return row
+    return FlightStart.of(Rig.resume(Snapshot.from_dict(dict(state)))).row
 
 
 def _forget(parts: list[Any], most: int) -> None:

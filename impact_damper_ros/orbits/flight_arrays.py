@@ -28,7 +28,6 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.run_result import Events, Outcome, one_table
 from impact_damper_ros.rig.runaway import RunawayError
-from impact_damper_ros.rig.snapshot import Snapshot
 
 from .flight_integrals import (
     EQUATION_COLUMNS,
@@ -75,19 +74,6 @@ def rows_of_samples(samples: NDArray[np.void]) -> Events:
         rows[f'primary_velocity_{side}'] = samples['primary_velocity']
         rows[f'damper_velocity_{side}'] = samples['damper_velocity']
     return rows
-
-
-def row_of_rig(rig: Rig) -> Events:
-    """Return the present state of a rig as a row, with its mode and the stop hit last."""
-    return _row_of(rig, rig.state())
-
-
-def _row_of(rig: Rig, state: Snapshot) -> Events:
-    here, row = rig.sample(), np.empty(1, EVENT_TYPE)
-    velocity, damper, stop = here.primary_velocity, here.damper_velocity, state.run.last_stop
-    speeds = velocity, velocity, damper, damper
-    row[0] = (here.time, here.x, here.z - here.x, *speeds, 0.0, STATE, stop, state.run.mode)
-    return row
 
 
 def _last_known(known: Mask, values: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -207,7 +193,8 @@ class Flights:
         stops = np.where(rows['kind'] == EventKind.IMPACT, rows['stop'], 0)
         stops[0] = rows['stop'][0]
         stop = _last_known(stops > 0, stops)
-        first, angle = np.tile(rig.first_harmonic, (len(rows), 1)), np.full(len(rows), np.nan)
+        first: Array = np.broadcast_to(rig.first_harmonic, (len(rows), 3))
+        angle = np.full(len(rows), np.nan)
         if drive is not None:
             if steps is not None:
                 begins: Mask = rows['kind'] == EventKind.FREQUENCY_STEP
@@ -521,10 +508,13 @@ class FlightStart(NamedTuple):
 
     @classmethod
     def of(cls, rig: Rig) -> FlightStart:
-        """Return the present state of a rig."""
-        state = rig.state()
+        """Return the present state of a rig, its row with its mode and the stop hit last."""
+        here, state, row = rig.sample(), rig.state(), np.empty(1, EVENT_TYPE)
+        speeds = (here.primary_velocity,) * 2 + (here.damper_velocity,) * 2
+        last = state.run.last_stop, state.run.mode
+        row[0] = (here.time, here.x, here.z - here.x, *speeds, 0.0, STATE, *last)
         drive = Drive(state.run.time, tuple(state.angles), rig.parameters.harmonics[1])
-        return cls(_row_of(rig, state), drive, state.run.force)
+        return cls(row, drive, state.run.force)
 
     def flights(
         self,
@@ -572,4 +562,4 @@ def run_flights(rig: Rig, end: float) -> Flights:
     run = rig.run(end)
     if run.outcome is not Outcome.COMPLETE:
         raise RunawayError(run.reason)
-    return begin.flights(rig.parameters, run.events, row_of_rig(rig))
+    return begin.flights(rig.parameters, run.events, FlightStart.of(rig).row)

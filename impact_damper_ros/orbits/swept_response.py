@@ -23,7 +23,7 @@ from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
 
-from .flight_arrays import Flights, FlightStart, row_of_rig
+from .flight_arrays import Flights, FlightStart
 from .response import Array
 from .transmissibility import dynamic_stiffness
 
@@ -176,4 +176,6 @@ class SweptRun(Observer):
         coming = islice(stepped_sine(parameters, self._sweep), count)
         rigs = [rig_at(parameters, self._sweep.step), *(step.parameters for step in coming)]
         steps = np.array([one.first_harmonic for one in rigs])
-        return swept_response(self._begin.flights(parameters, events, row_of_rig(rig), steps))
+        return swept_response(
+            self._begin.flights(parameters, events, FlightStart.of(rig).row, steps)
+        )

@@ -40,7 +40,7 @@ from impact_damper_ros import (
 )
 from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.stretches import LoggedRig
-from impact_damper_ros.orbits.flight_arrays import Drive, Flights, row_of_rig
+from impact_damper_ros.orbits.flight_arrays import Flights, FlightStart
 from impact_damper_ros.orbits.irregularity import average_spread
 from impact_damper_ros.orbits.lyapunov import growth_exponent
 from impact_damper_ros.orbits.recurrence import MotionKind
@@ -161,7 +161,7 @@ def kind_after(rig: Rig, cycles: int) -> StretchKind:
 def answered(case: Case) -> Answer | None:
     """Return the answer of a long run; None if it has no end."""
     cycle, rig = case.cycle, Rig(case.parameters, case.initial, compiled=None)
-    start, drive = row_of_rig(rig), Drive(0.0, rig.state().angles, case.parameters.harmonics[1])
+    start, drive, _ = FlightStart.of(rig)
     stretch = rig.run(LONG * cycle, np.arange(1, LONG + 1) * cycle, most_events=MOST_EVENTS)
     if stretch.outcome is not Outcome.COMPLETE:
         return None
@@ -179,7 +179,7 @@ def answered(case: Case) -> Answer | None:
         settled = int(late[-1]) + 1 if len(late) else 0
         distance = {cut: float(far[cut - 1]) for cut in CUTS}
     half = LONG // 2
-    rows = np.concatenate([start, events, row_of_rig(rig)])
+    rows = np.concatenate([start, events, FlightStart.of(rig).row])
     flights = Flights.between(case.parameters, rows, drive)
 
     def growth(first: int, last: int) -> tuple[float, float]:
