@@ -1050,6 +1050,7 @@ def test_plots_are_saved_with_the_values_of_the_rig(from_disk):
         'motion.svg',
         'gap_curve.svg',
         'impact_map.svg',
+        'multipliers.svg',
     )
     for name in kinds:
         with page.tab.expect_download() as download:
@@ -1063,6 +1064,7 @@ def test_plots_are_saved_with_the_values_of_the_rig(from_disk):
         assert len(picture.convert('RGB').getcolors(1 << 20)) > 20
     for name, words in (
         *(('gap_curve', 'Xmax / A'), ('impact_map', 'phase of the force (cycles)')),
+        ('multipliers', 'Multipliers'),
         *(('rig', 'M'), ('rig', 'm'), ('rig', 'F')),
         *(('motion', 'rig time (s)'), ('motion', 'X, Z (mm)')),
     ):

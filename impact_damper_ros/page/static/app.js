@@ -54,6 +54,7 @@ pictures.mount(byId('pictures'), store, actions, {
   phase_portrait: ['Phase portrait', portrait],
   impact_map: ['Impact map', map],
   gap_curve: ['Gap curve', curve],
+  multipliers: ['Multipliers', circle],
 });
 
 const screen = new Screen(store, [rig, traces, portrait, map, curve, circle]);

@@ -271,7 +271,7 @@ export class RigDrawing extends Canvas {
     context.fill();
     // Its name is on it, or above it where there is no room.
     const roomy = g.slug > 0.55 * em;
-    const look = { colour: roomy ? '#ffffff' : colours.damper, size: roomy ? Math.min(1.1, (1.35 * g.slug) / em) : 0.9, style: 'italic 600' };
+    const look = { colour: roomy ? '#000000' : colours.ink, size: roomy ? Math.min(1.1, (1.35 * g.slug) / em) : 0.9, style: 'italic 600' };
     this.upright(g, 'm', z, roomy ? floor - slugTall / 2 : floor - slugTall - 0.6 * em, look);
     // names: M above its frame, the stops above their pads
     this.upright(g, 'M', x - g.body + 0.7 * em, top - 0.75 * em, { colour: colours.primary, size: 1, style: 'italic 600' });

@@ -38,22 +38,23 @@ function save(content, name) {
 export const mount = (root, store, _actions, plots) => {
   /** Save a plot as a file of a kind. */
   const write = (title, name, plot, kind, panel = plot) => {
-    const { width, height } = plot;
+    // A small one has room for what rig it is.
+    const [width, height] = [Math.max(280, plot.width), plot.height];
     const rig = rigInWords(store.values);
     const canvas = document.createElement('canvas');
     Object.assign(canvas, { width: SCALE * width, height: SCALE * (height + ABOVE + BELOW) });
     const context = canvas.getContext('2d');
     if (kind === 'svg') {
-      const [around, inner] = [new SvgContext(width, height + ABOVE + BELOW, context), new SvgContext(width, height, context)];
-      frame(around, plot, title, rig);
+      const [around, inner] = [new SvgContext(width, height + ABOVE + BELOW, context), new SvgContext(plot.width, height, context)];
+      frame(around, { width, height }, title, rig);
       drawOn(plot, inner, panel);
-      around.parts.push(`<svg y="${ABOVE}" width="${width}" height="${height}">${inner.parts.join('')}</svg>`);
+      around.parts.push(`<svg y="${ABOVE}" width="${plot.width}" height="${height}">${inner.parts.join('')}</svg>`);
       save(new Blob([around.text()], { type: 'image/svg+xml' }), `${name}.svg`);
       return;
     }
     context.scale(SCALE, SCALE);
-    frame(context, plot, title, rig);
-    context.drawImage(plot.canvas, 0, ABOVE, width, height);
+    frame(context, { width, height }, title, rig);
+    context.drawImage(plot.canvas, 0, ABOVE, plot.width, height);
     canvas.toBlob((content) => save(content, `${name}.png`));
   };
   const row = ([name, [title, plot, panel]]) => element(
