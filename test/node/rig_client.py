@@ -92,9 +92,10 @@ class SimProcess(Running):
 
 
 class RigClient:
-    """A client of any number of rigs, which a thread of its own polls."""
+    """A client of any number of rigs, which a thread of its own polls, with a pause in s."""
 
-    def __init__(self):
+    def __init__(self, pause=0.005):
+        self._pause = pause
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.node = Node('test_client', context=self.context)
@@ -112,7 +113,7 @@ class RigClient:
             with self._lock:
                 for rig in self._rigs.values():
                     rig.poll()
-            time.sleep(0.005)
+            time.sleep(self._pause)
 
     def __enter__(self):
         return self
