@@ -17,13 +17,7 @@ from impact_damper_ros.parameters.quoting import quote
 
 from .errors import RecordingError
 from .mcap_file import McapFile
-from .metadata import (
-    listed_files,
-    listing_faults,
-    listing_remarks,
-    notes_of,
-    read_listing,
-)
+from .metadata import listed_files, listing_faults, listing_remarks, notes_of, read_listing
 from .topics import load_yaml
 
 

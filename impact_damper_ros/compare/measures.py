@@ -11,14 +11,7 @@ from impact_damper_ros.orbits.settled_motion import cycle_of
 from impact_damper_ros.orbits.transmissibility import Transmissibility
 from impact_damper_ros.replay.rows import Samples
 
-from .result import (
-    Array,
-    EnergyBalance,
-    ImpactStates,
-    MotionCurve,
-    Spectrum,
-    SteadyPart,
-)
+from .result import Array, EnergyBalance, ImpactStates, MotionCurve, Spectrum, SteadyPart
 from .stretches import RecordedStretch
 
 #: Relative round-off of a balance.

@@ -30,13 +30,7 @@ from impact_damper_ros.replay.rows import Events
 from impact_damper_ros.theory.motion_curve import orbit_curve
 
 from .motion_kind import NEGLIGIBLE_IMPULSE, SETTLED, section_of
-from .result import (
-    Array,
-    Convergence,
-    Decay,
-    ImpactStates,
-    PredictedCurve,
-)
+from .result import Array, Convergence, Decay, ImpactStates, PredictedCurve
 
 # The predicted motion
 

@@ -25,20 +25,8 @@ from impact_damper_ros.replay.rows import Samples
 
 from .measures import energy_balance, measured_motion, motion_curve, spectrum
 from .motion_kind import SETTLED, StretchKind, kind_by_impacts, kind_of, run_on, settled_after
-from .prediction import (
-    SAME_DECAY,
-    PeriodicMotion,
-    impulses_of,
-    periodic_motion,
-    predicted_curve,
-)
-from .result import (
-    EnergyBalance,
-    LoggedStretch,
-    StretchComparison,
-    StretchCurves,
-    Verdict,
-)
+from .prediction import SAME_DECAY, PeriodicMotion, impulses_of, periodic_motion, predicted_curve
+from .result import EnergyBalance, LoggedStretch, StretchComparison, StretchCurves, Verdict
 from .stretches import RecordedStretch
 
 _LISTED_STOPS = 12

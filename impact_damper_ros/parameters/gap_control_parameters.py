@@ -5,14 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .parameter_spec import (
-    ParameterError,
-    ParameterSpec,
-    ParameterTable,
-    numeric,
-    specs_of,
-    text,
-)
+from .parameter_spec import ParameterError, ParameterSpec, ParameterTable, numeric, specs_of, text
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -27,14 +27,7 @@ from impact_damper_ros.rig.observed_run import TimedOrder
 from impact_damper_ros.rig.rig import Rig
 
 from .findings import IMPACT, Findings
-from .matching import (
-    QUANTITIES,
-    STAMP_NS,
-    Matcher,
-    NearMatcher,
-    differing_states,
-    expected_states,
-)
+from .matching import QUANTITIES, STAMP_NS, Matcher, NearMatcher, differing_states, expected_states
 from .rows import (
     NO_EVENTS,
     NO_SAMPLES,

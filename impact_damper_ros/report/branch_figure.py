@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any
 from impact_damper_ros.orbits.branch import Branch, SpecialKind
 from impact_damper_ros.orbits.varied_parameter import spec_of
 
-from .drawing import (
-    COLORS,
-    MOTION_LINES,
-    blank_figure,
-    finish_panel,
-    legend_below,
-    print_style,
-)
+from .drawing import COLORS, MOTION_LINES, blank_figure, finish_panel, legend_below, print_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,18 +11,8 @@ import numpy.typing as npt
 
 from impact_damper_ros.control.act import ActRow, act_fields
 from impact_damper_ros.control.actuator import MOST_ORDERS, next_command
-from impact_damper_ros.control.controller import (
-    has_law,
-    next_sample,
-    packed_control,
-)
-from impact_damper_ros.motion.event import (
-    SAMPLE_TYPE,
-    Event,
-    EventKind,
-    EventRow,
-    Sample,
-)
+from impact_damper_ros.control.controller import has_law, next_sample, packed_control
+from impact_damper_ros.motion.event import SAMPLE_TYPE, Event, EventKind, EventRow, Sample
 from impact_damper_ros.motion.flight import begin_flight
 from impact_damper_ros.motion.next_event import (
     ALL_STEPS,

@@ -13,13 +13,7 @@ from impact_damper_ros.control.controller import (
     settings_of,
     with_new_settings,
 )
-from impact_damper_ros.motion.event import (
-    ROWS_AT_ONCE,
-    Event,
-    EventKind,
-    EventRow,
-    events_of,
-)
+from impact_damper_ros.motion.event import ROWS_AT_ONCE, Event, EventKind, EventRow, events_of
 from impact_damper_ros.motion.moving_stops import move_stops, place_stops_at_gap
 from impact_damper_ros.motion.state import carried_to
 from impact_damper_ros.parameters.base_motion import wait_for_change

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from impact_damper_ros.motion.event import (
-    Sample,
-)
+from impact_damper_ros.motion.event import Sample
 from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.motion.state import Run
 

@@ -7,15 +7,7 @@ import struct
 import pytest
 import yaml
 from bag import ros2_bags, samples
-from bag.alterations import (
-    altered,
-    chunks_of,
-    edited,
-    rewritten,
-    without_chunk,
-    write,
-    write_file,
-)
+from bag.alterations import altered, chunks_of, edited, rewritten, without_chunk, write, write_file
 from bag.recorded_rig import NOTES, RecordedRig, renamed
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType

@@ -31,13 +31,7 @@ from numpy.typing import NDArray
 from rigs import BENCH, FRICTION, OFF_RESONANCE, VERTICAL
 from tqdm import tqdm
 
-from impact_damper_ros import (
-    EventKind,
-    InitialConditions,
-    Outcome,
-    Rig,
-    RigParameters,
-)
+from impact_damper_ros import EventKind, InitialConditions, Outcome, Rig, RigParameters
 from impact_damper_ros.compare.motion_kind import StretchKind, kind_of
 from impact_damper_ros.compare.stretches import LoggedRig
 from impact_damper_ros.orbits.flight_arrays import Flights, FlightStart

@@ -14,10 +14,7 @@ sys.path.append(str(CONTROLLERS))
 import test_specification as specification  # noqa: E402
 from rigs import LIVELY  # noqa: E402
 
-from impact_damper_ros import (  # noqa: E402
-    GapControlParameters,
-    Rig,
-)
+from impact_damper_ros import GapControlParameters, Rig  # noqa: E402
 from impact_damper_ros.bag import RunReader  # noqa: E402
 from impact_damper_ros.node import lock_step  # noqa: E402
 from impact_damper_ros.replay import RecordedRun, Replay  # noqa: E402

@@ -7,12 +7,7 @@ import pytest
 import scipy
 from rigs import UNFORCED
 
-from impact_damper_ros import (
-    EventKind,
-    InitialConditions,
-    Rig,
-    run_ensemble,
-)
+from impact_damper_ros import EventKind, InitialConditions, Rig, run_ensemble
 
 STRUCTURE = UNFORCED.replace(
     primary_mass=5.0,

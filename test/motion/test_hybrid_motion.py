@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from impact_damper_ros import (
-    EventKind,
-    InitialConditions,
-    Mode,
-    Outcome,
-    Rig,
-    RigParameters,
-)
+from impact_damper_ros import EventKind, InitialConditions, Mode, Outcome, Rig, RigParameters
 from impact_damper_ros.motion.event import events_of_table
 from impact_damper_ros.motion.state import advance_time
 from motion.random_rigs import random_rig, run

@@ -9,16 +9,7 @@ import numpy as np
 import pytest
 import scipy
 
-from oracle.dense_check import (
-    FALSE,
-    MISSED,
-    NONE,
-    OK,
-    REVERSAL,
-    STOP_1,
-    STOP_2,
-    check,
-)
+from oracle.dense_check import FALSE, MISSED, NONE, OK, REVERSAL, STOP_1, STOP_2, check
 from oracle.first_root import Watched, first_event
 from oracle.flight_cases import FlightCases, exact_motion, precise, round_off
 from oracle.flight_generators import near_grazing_flights, random_flights

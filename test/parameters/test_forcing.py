@@ -10,13 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 from motion.random_rigs import random_rig
 
-from impact_damper_ros import (
-    InitialConditions,
-    OrbitError,
-    Rig,
-    RigParameters,
-    find_orbits,
-)
+from impact_damper_ros import InitialConditions, OrbitError, Rig, RigParameters, find_orbits
 from impact_damper_ros.parameters.forcing import mix, multisine
 from oracle.precise_motion import Harmonic, Motion, Oscillator, mp
 

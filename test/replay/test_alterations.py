@@ -4,13 +4,7 @@ from functools import cache
 
 import pytest
 from bag import samples
-from bag.alterations import (
-    altered_message,
-    numbers_of,
-    rearranged,
-    recorded_otherwise,
-    wrong_bags,
-)
+from bag.alterations import altered_message, numbers_of, rearranged, recorded_otherwise, wrong_bags
 from bag.recorded_rig import (
     CONTROL,
     NOTES,

@@ -3,14 +3,7 @@
 import pytest
 from rigs import HORIZONTAL
 
-from impact_damper_ros import (
-    GapControlParameters,
-    Observer,
-    Rig,
-    RunawayError,
-    TimedChange,
-    run,
-)
+from impact_damper_ros import GapControlParameters, Observer, Rig, RunawayError, TimedChange, run
 
 CONTROL = GapControlParameters()
 
