@@ -10,10 +10,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
-
-import impact_damper_ros
-
-PACKAGE = Path(impact_damper_ros.__file__).parent
+from package_trees import PACKAGE, trees
 
 # A module may import from its own subpackage and from those with a smaller number.
 LEVEL = {
@@ -51,14 +48,10 @@ ROS = (
 )
 
 
-def modules(*names: str) -> list[Path]:
-    return sorted(path for name in names for path in (PACKAGE / name).rglob('*.py'))
-
-
-def imports(path: Path) -> Iterator[str]:
+def imports(path: Path, tree: ast.Module) -> Iterator[str]:
     """Yield the full name of every module or object that a file imports, at any depth."""
-    package = ('impact_damper_ros', *path.relative_to(PACKAGE).parent.parts)
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'), str(path))):
+    package = ('impact_damper_ros', *path.parent.parts)
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name
@@ -78,7 +71,7 @@ def test_every_subpackage_has_a_layer():
 @cache
 def imported() -> dict[Path, list[str]]:
     """Return what each module imports."""
-    return {path.relative_to(PACKAGE): list(imports(path)) for path in modules(*LEVEL)}
+    return {path: list(imports(path, t)) for path, t in trees().items() if path.parts[0] in LEVEL}
 
 
 @pytest.mark.parametrize('own', sorted(name for name in LEVEL if (PACKAGE / name).is_dir()))

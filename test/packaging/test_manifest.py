@@ -10,12 +10,12 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from package_trees import PACKAGE, trees
 from setup_file import requirements, setup_says
 
 import impact_damper_ros
 
 ROOT = Path(__file__).parents[2]
-PACKAGE = ROOT / 'impact_damper_ros'
 
 
 @pytest.fixture(scope='module')
@@ -27,11 +27,11 @@ def manifest():
     return package
 
 
-def third_party_imports(folder: Path) -> set[str]:
-    """Return the top-level packages that the modules below a folder import."""
+def third_party_imports() -> set[str]:
+    """Return the top-level packages that the modules of the package import."""
     found = set()
-    for path in folder.rglob('*.py'):
-        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+    for tree in trees().values():
+        for node in ast.walk(tree):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
@@ -107,7 +107,7 @@ def test_every_import_is_declared(manifest):
     distribution_of = packages_distributions()
     for_pip = requirements(setup_says('install_requires'), *setup_says('extras_require').values())
     ros_wheels = {'ament_index_python', 'rclpy'}
-    for module in sorted(third_party_imports(PACKAGE) - optional):
+    for module in sorted(third_party_imports() - optional):
         assert declared & {module, f'python3-{module}', key_of.get(module)}, module
         if module in ros_wheels or module.endswith(('_msgs', '_srvs', '_interfaces')):
             continue

@@ -7,10 +7,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from package_trees import trees
 
-import impact_damper_ros
-
-PACKAGE = Path(impact_damper_ros.__file__).parent
 CONTRIBUTING = (Path(__file__).parents[2] / 'CONTRIBUTING.md').read_text(encoding='utf-8')
 NAMES = CONTRIBUTING[CONTRIBUTING.index('### Names') : CONTRIBUTING.index('### Words')]
 #: Words of names, and the places of those that stand in some places only.
@@ -48,20 +46,18 @@ def is_participle(name):
 
 def test_no_function_or_module_is_a_bare_participle():
     found = defaultdict(set)
-    for path in PACKAGE.rglob('*.py'):
-        names = [path.stem, *functions(ast.parse(path.read_text('utf-8')).body)]
-        found[path.relative_to(PACKAGE).parts[0]] |= {
-            name.strip('_') for name in names if is_participle(name)
-        }
+    for path, tree in trees().items():
+        names = [path.stem, *functions(tree.body)]
+        found[path.parts[0]] |= {name.strip('_') for name in names if is_participle(name)}
     assert {room: names for room, names in found.items() if names} == {}
 
 
 def test_a_public_name_at_module_level_is_that_of_one_thing():
     places = defaultdict(set)
-    for path in PACKAGE.rglob('*.py'):
-        for node in ast.parse(path.read_text('utf-8')).body:
+    for path, tree in trees().items():
+        for node in tree.body:
             if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith('_'):
-                places[node.name].add(path.relative_to(PACKAGE))
+                places[node.name].add(path)
     twice = {name: found for name, found in places.items() if len(found) > 1}
     left = {name: found for name, found in twice.items() if name not in {*TWICE, 'main'}}
     assert left == {}
@@ -88,10 +84,10 @@ def all_names(tree):
 def names_by_word():
     """Return the names of the package, each with the files that give it, by the words in them."""
     found = defaultdict(lambda: defaultdict(set))
-    for path in PACKAGE.rglob('*.py'):
-        for name in {path.stem, *all_names(ast.parse(path.read_text('utf-8')))}:
+    for path, tree in trees().items():
+        for name in {path.stem, *all_names(tree)}:
             for word in words_of(name):
-                found[word][name].add(path.relative_to(PACKAGE))
+                found[word][name].add(path)
     return found
 
 
