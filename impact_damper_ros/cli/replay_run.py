@@ -128,6 +128,7 @@ def _what_if(
         *(replay.start, overrides, initial_overrides),
         most_in_period=arguments.most_events,
         bag=arguments.recording,
+        compiled=replay.recorded.is_long,
     )
     stack.callback(what_if.close)
     if not arguments.quiet:

@@ -88,7 +88,7 @@ def rig_at_end(stretch: RecordedStretch) -> Rig:
     """Return the rig at the end of a stretch."""
     # The state does not hold a law of the user's own, which has no effect where no control acts.
     control = {n: v for n, v in stretch.at_end['gap_control'].items() if n != 'law'}
-    return Rig.restore({**stretch.at_end, 'gap_control': control})
+    return Rig.restore({**stretch.at_end, 'gap_control': control}, compiled=None)
 
 
 def run_on(stretch: RecordedStretch, cycle: float, quiet: float = _QUIET) -> SettledMotion | None:

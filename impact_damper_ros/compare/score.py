@@ -29,8 +29,6 @@ from .stretches import RecordedStretch, Stretches
 
 #: Mass ratio of M alone: so small a mass does not move M.
 _ALONE = 1e-9
-#: Number of cycles of a run from which on compiled code saves more than its loading takes.
-_COMPILED_FROM = 50
 #: Points of a cycle at which |X| is evaluated, and fewest cycles that show a settling time.
 _POINTS, _FEWEST = 48, 8
 #: Share of the replay in the work of a score, and share of the first other run in the rest.
@@ -127,12 +125,11 @@ def settling_time(stretch: RecordedStretch) -> float | None:
 class _History:
     """The commands of a run, repeated for a rig with other parameters."""
 
-    def __init__(self, start: Command) -> None:
-        self._start = start
+    def __init__(self, start: Command, *, compiled: bool) -> None:
+        self._start, self._compiled = start, compiled
         self._parts: list[RunPart] = []
         #: Rig times at which the stretches of the recorded run begin, s
         self.begins: tuple[float, ...] = ()
-        self.compiled = False
 
     def recorded_parts(self, parts: Iterable[RunPart]) -> Iterator[RunPart]:
         """Yield the parts of the recorded run, and keep their commands."""
@@ -145,7 +142,7 @@ class _History:
 
     def run(self, overrides: Mapping[str, Any]) -> list[RecordedStretch]:
         """Return the stretches of a run with some parameters overridden, or raise RunawayError."""
-        other = WhatIf(self._start, {'gap_control': 'off', **overrides}, compiled=self.compiled)
+        other = WhatIf(self._start, {'gap_control': 'off', **overrides}, compiled=self._compiled)
         start, *cuts = self.begins
         stretches = Stretches(other.rig.snapshot(), start=start, cuts=cuts)
         return list(stretches.of(map(other.follow, self._parts)))
@@ -171,7 +168,7 @@ def score_run(
     span = reader.span or 1.0
     replay = Replay(recorded)
     found = Stretches(replay.start.state, replay.period)
-    history = _History(replay.start)
+    history = _History(replay.start, compiled=recorded.is_long)
     stretches = []
     for stretch in found.of(history.recorded_parts(replay)):
         progress(_REPLAYED * min(1.0, max(0.0, stretch.end - replay.start.time) / span))
@@ -183,8 +180,6 @@ def score_run(
     history.begins = tuple(stretch.start for stretch in parts)
     rig = parts[0].parameters
     gap = rig.gap if gap is None else gap
-    if parts[-1].end - parts[0].start >= _COMPILED_FROM * cycle_of(rig):
-        history.compiled = True
     fixed = history.run({'gap': gap})
     progress(_FIRST)
     alone = history.run(

@@ -370,7 +370,7 @@ def ring_down(
     runs = []
     for k in range(releases):
         start = release_start(free, amplitude, math.tau * k / releases)
-        parts = list(_parts(Rig(free, start), amplitude, most_cycles))
+        parts = list(_parts(Rig(free, start, compiled=None), amplitude, most_cycles))
         time, velocity = (
             np.concatenate([getattr(part, name) for part in parts])
             for name in ('time', 'velocity')

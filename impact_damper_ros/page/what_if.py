@@ -92,7 +92,7 @@ def _compute_run(path: Path, values: dict[str, Any]) -> Iterator[tuple[str, Any]
             raise ValueError(f'{strange[0][:80]} is not a parameter of the rig or of its control')
         held = {name: value for name, value in values.items() if name in known}
         held_initial = {name: value for name, value in values.items() if name in INITIAL_SPECS}
-        other = WhatIf(replay.start, held, held_initial)
+        other = WhatIf(replay.start, held, held_initial, compiled=replay.recorded.is_long)
         runs = RunPair(replay.start, other, values)
         found = 0
         for part in replay:

@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.bag import RecordingError
-from impact_damper_ros.bag.messages import JOINT_STATE, message_row
+from impact_damper_ros.bag.messages import message_row
 from impact_damper_ros.bag.rig_topics import JOINTS
 from impact_damper_ros.bag.snapshots import mathematics, without_search
 from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.motion.event import table_of_events
-from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.plain import differences
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
@@ -61,8 +60,6 @@ from .shadowing import Shadowing, near
 _LONGEST_GAP_NS, _MOST_MISSING = 6 * 3600 * 10**9, 10
 #: Longest gap after the snapshot that a recorder gets when it joins.
 _LONGEST_WAIT_NS = 10 * 86_400 * 10**9
-#: Number of joint states from which on compiled code saves more than its loading takes.
-_COMPILED_FROM = 100_000
 #: Errors of a rig with an impossible recorded state or law.
 _FAILURES = (ArithmeticError, LookupError, RunawayError, TypeError, ValueError)
 _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it'
@@ -161,10 +158,8 @@ class Replay:
         self.period = 1.0 / start.rate
         self._period_ns = 1e9 / start.rate
         self._left_out = 0
-        topics = recorded.topics
-        samples = recorded.reader.topics[topics.joint_states, JOINT_STATE].message_count
-        self._compiled = samples >= _COMPILED_FROM and has_numba()
-        near = bool(findings.other_bits)
+        topics, near = recorded.topics, bool(findings.other_bits)
+        self._compiled = recorded.is_long and not near
         kinds: dict[str, type[Matcher]] = {
             'impacts': Matcher,
             'gap_control': NearMatcher if near else Matcher,
@@ -300,9 +295,8 @@ class Replay:
         self, rig: Rig, instants: Numbers | tuple[()], until: float, orders: deque[TimedOrder]
     ) -> RunSamples:
         """Let a rig run on through instants to a later one, with the orders on the way."""
-        rig.compiled = self._compiled and rig.own_law is None
         try:
-            return RunSamples(rig, instants).go(until, orders)
+            return RunSamples(rig, instants, compiled=self._compiled).go(until, orders)
         except _FAILURES as error:
             raise self._cannot_go_on(rig, str(error)) from error
 

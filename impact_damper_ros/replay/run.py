@@ -58,6 +58,11 @@ class Rows(NamedTuple):
 Item = Rows | Command
 
 
+#: Joint states that plain code replays in the time in which compiled code is loaded (60 ms), and
+#: in that of a call of it.
+_COMPILED_FROM, _STATES_OF_A_CALL = 3_000, 15
+
+
 class _Snapshot(NamedTuple):
     """A snapshot of a recording, not decoded as a whole."""
 
@@ -145,6 +150,12 @@ class RecordedRun:
             cause = 'a measured record acts on its rig, and its energy is not known'
             remedy = 'compare_run measures it without --score'
             raise RecordingError(purpose, path, cause, remedy)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether compiled code saves more than its loading and the calls at commands take."""
+        states = self.reader.topics[self.topics.joint_states, JOINT_STATE].message_count
+        return states >= _COMPILED_FROM + _STATES_OF_A_CALL * len(self._snapshots)
 
     def _find_runs(self) -> None:
         """Read the heads of all snapshots, and assign each to its run."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from impact_damper_ros.control.act import ControlAct
 from impact_damper_ros.motion.event import Event, Sample, table_of_events
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.rig.observed_run import Observer, TimedOrder, run
 from impact_damper_ros.rig.rig import Rig
@@ -25,11 +26,14 @@ class RunSamples(Observer):
     Samples of a rig at instants, s, with its events and acts of control so far.
 
     The instants are ascending; at an instant that the rig has passed already it is sampled at
-    once.
+    once. With `compiled`, what is one call of the rig runs as compiled code, if there is any.
     """
 
-    def __init__(self, rig: Rig, instants: Numbers | Sequence[float] = ()) -> None:
+    def __init__(
+        self, rig: Rig, instants: Numbers | Sequence[float] = (), *, compiled: bool = False
+    ) -> None:
         self._rig = rig
+        self._compiled = compiled and rig.own_law is None and has_numba()
         self._instants = np.asarray(instants, float)
         self._samples: list[Samples] = []
         self._at_instants: list[Sample] = []
@@ -71,12 +75,14 @@ class RunSamples(Observer):
             due.append(orders.popleft())
         due = [order._replace(time=max(order.time, self._rig.time)) for order in due]
         if due or observers or most_in_period != MOST_IN_PERIOD:
+            self._rig.compiled = False
             run(self._rig, until, [self, *observers], due, most_in_period, begun=True)
             return self
         # An event that a change makes due at once is handled by the next call with a later time.
         here = int(np.searchsorted(self._instants, self._rig.time, side='right'))
         self._at_instants += [self._rig.sample()] * here
         if until > self._rig.time:
+            self._rig.compiled = self._compiled
             result = self._rig.run(until, self._instants[here:], most_events=inf)
             self._samples += [samples_as_rows(self._at_instants), result.samples]
             self._at_instants = []

@@ -20,7 +20,6 @@ import numpy as np
 from impact_damper_ros.bag import RigRecorder
 from impact_damper_ros.bag.snapshots import without_search
 from impact_damper_ros.motion.event import Event, table_of_events
-from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
 from impact_damper_ros.rig.observed_run import Observer
@@ -50,7 +49,7 @@ class WhatIf:
     bag : Path, optional
         Directory of a recording of the rig, which must not hold one yet.
     compiled : bool, optional
-        Whether the rig runs as compiled code where numba is installed.
+        Whether the rig runs as compiled code where that is possible, see `RunSamples`.
 
     Attributes
     ----------
@@ -101,7 +100,7 @@ class WhatIf:
                 'middle of the run, at a recorded state; set rig parameters only'
             )
         self.rig = Rig.restore(start.state, start.law) if rig is None else rig
-        self.rig.compiled = compiled and has_numba()
+        self._compiled = compiled
         self._recorder: RigRecorder | None = None
         if bag is not None:
             values = {**Setting.at(self.rig).as_dict(), **start.initial.as_dict()}
@@ -131,7 +130,7 @@ class WhatIf:
         RecordingError
             If the recording fails.
         """
-        run = RunSamples(self.rig, part.samples['time'])
+        run = RunSamples(self.rig, part.samples['time'], compiled=self._compiled)
         early, self._early = self._early, []
         command, before = part.command, {}
         caused: list[Events] = []

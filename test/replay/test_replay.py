@@ -85,7 +85,7 @@ def test_random_histories_come_out_bit_for_bit(tmp_path, name, seed, monkeypatch
         notes = NOTES if how == 'own' else {}
         bag = samples.record(tmp_path / how, messages, samples.CONTROLLED, custom=notes)
         least = 0 if how == 'ros2' else math.inf
-        monkeypatch.setattr('impact_damper_ros.replay.replay._COMPILED_FROM', least)
+        monkeypatch.setattr('impact_damper_ros.replay.run._COMPILED_FROM', least)
         findings = replayed(bag)
         assert (findings.differences, findings.faults, findings.remarks) == ([], [], [])
         assert findings.verdict is ReplayVerdict.IDENTICAL
