@@ -107,31 +107,6 @@ class Course:
             [self.held[k] for k in index[:-1]],
         )
 
-    def insert(self, after: int, rows: Array, stops: Counts, reversals: list[Array]) -> Course:
-        """
-        Return the course with impacts in one flight.
-
-        `rows` are (time, x, velocity, damper_velocity) of each impact, `reversals` those of the
-        flights that replace the flight.
-        """
-        count, at = len(rows), after + 1
-        return Course(
-            self.shared,
-            np.insert(self.time, at, rows[:, 0]),
-            np.insert(self.x, at, rows[:, 1]),
-            np.insert(self.velocity, at, rows[:, 2]),
-            np.insert(self.damper_velocity, at, rows[:, 3]),
-            np.insert(self.stop, at, stops),
-            np.insert(self.begins, at, np.zeros(count, bool)),
-            np.insert(self.measured, at, np.full(count, -1)),
-            [*self.reversals[:after], *reversals, *self.reversals[after + 1 :]],
-            [
-                *self.held[:after],
-                *(np.zeros(len(times), bool) for times in reversals),
-                *self.held[after + 1 :],
-            ],
-        )
-
     @property
     def structure(self) -> tuple[object, ...]:
         """The parts that a round of the revision may change, for comparison."""

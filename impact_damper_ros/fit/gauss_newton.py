@@ -198,8 +198,6 @@ def solve(
     """
     grip = shooting.unknowns.column('grip')
     longest = float(np.median(np.diff(shooting.record.time)))
-    instants = np.zeros(len(u), bool)
-    instants[shooting.count :: 5] = True
     equations = shooting.equations(u, soft)
     merit = _merit(equations.residual, equations.condition)
     damping = _FIRST_DAMPING
@@ -210,7 +208,8 @@ def solve(
             if not np.isfinite(step).all():
                 damping = max(10.0 * damping, 1e-7)
                 continue
-            step[instants] = np.clip(step[instants], -longest, longest)
+            instants = step[shooting.count :: 5]
+            np.clip(instants, -longest, longest, out=instants)
             for part in _PARTS:
                 tried = u + part * step
                 if _is_allowed(shooting, tried):

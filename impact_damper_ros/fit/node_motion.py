@@ -81,9 +81,8 @@ class NodeMotion(Nodes):
         at = states[self.impacts]
         course.time, course.x = at[:, T].copy(), at[:, X].copy()
         course.velocity, course.damper_velocity = at[:, V].copy(), at[:, W].copy()
-        turns = np.flatnonzero(self.kind == 0)
-        for k in range(len(course) - 1):
-            course.reversals[k] = states[turns[self.flight[turns] == k], T].copy()
+        ends = np.cumsum([len(times) for times in course.reversals])
+        course.reversals = np.split(states[self.kind == 0, T], ends)[:-1]
         return course
 
     def parts(self, u: Array) -> tuple[Array, Array]:

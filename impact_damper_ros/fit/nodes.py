@@ -39,29 +39,22 @@ class Nodes:
 
     def __init__(self, course: Course) -> None:
         self.course = course
-        kind, impact_of, held_at, flight = [], [], [], []
-        for k in range(len(course)):
-            kind.append(int(course.stop[k]))
-            impact_of.append(k)
-            held_at.append(np.nan)
-            flight.append(k)
-            if k < len(course) - 1:
-                for time, held in zip(course.reversals[k], course.held[k], strict=True):
-                    kind.append(0)
-                    impact_of.append(-1)
-                    held_at.append(float(time) if held else np.nan)
-                    flight.append(k)
-        self.kind, self.impact_of = np.array(kind), np.array(impact_of)
-        self.held_at = np.array(held_at)
-        self.flight = np.array(flight)
-        self.count_of_nodes = n = len(kind)
-        self.impacts = np.flatnonzero(self.kind)
-        direction = np.empty(n)
-        last = np.empty(n)
-        for i in range(n):
-            direction[i] = -kind[i] if kind[i] else -direction[i - 1]
-            last[i] = kind[i] or last[i - 1]
-        self.direction, self.last_stop = direction, last
+        turns = np.array([*map(len, course.reversals), 0])
+        order = np.arange(len(course))
+        self.flight = np.repeat(order, turns + 1)
+        self.count_of_nodes = n = len(self.flight)
+        self.impacts = np.cumsum(turns + 1) - turns - 1
+        self.impact_of = np.full(n, -1)
+        self.impact_of[self.impacts] = order
+        hit = self.impact_of >= 0
+        self.last_stop = course.stop[self.flight].astype(float)
+        self.kind = np.where(hit, course.stop[self.flight], 0)
+        since = np.arange(n) - self.impacts[self.flight]
+        self.direction = self.last_stop * np.where(since % 2, 1.0, -1.0)
+        self.held_at = np.full(n, np.nan)
+        if not hit.all():
+            times, held = np.concatenate(course.reversals), np.concatenate(course.held)
+            self.held_at[~hit] = np.where(held, times, np.nan)
         counts = np.zeros(n, bool)
         counts[1:] = course.flies[self.flight[:-1]]
         self.ends = np.flatnonzero(counts)
