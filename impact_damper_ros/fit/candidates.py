@@ -164,6 +164,16 @@ class Evidence(NamedTuple):
         gradient = residual.T @ left + condition.T @ multipliers
         return cls(columns, information / scale**2, gradient / scale**2, changes)
 
+    def doubted(self) -> Evidence:
+        """Return the evidence if all constants are wrong that may be."""
+        columns = [
+            one._replace(uncertainty=_WRONG_BY, doubt=0.0)
+            if one.doubt and one.uncertainty
+            else one
+            for one in self.columns
+        ]
+        return self._replace(columns=columns)
+
     def uncertain(self) -> list[int]:
         """Return which constants have an uncertainty."""
         return [k for k, one in enumerate(self.columns) if one.uncertainty > 0.0]

@@ -50,11 +50,18 @@ class ConstantEstimates(NamedTuple):
     unknowns: Array
 
     @classmethod
-    def of(cls, found: Revised, scale: float, moved: Mapping[str, float]) -> ConstantEstimates:
-        """Return the estimates for constants that were changed by parts since the file."""
+    def of(
+        cls, found: Revised, scale: float, moved: Mapping[str, float], *, doubted: bool = False
+    ) -> ConstantEstimates:
+        """
+        Return the estimates for constants that were changed by parts since the file.
+
+        If they are `doubted`, all are wrong in the file that may be.
+        """
         shooting, solution = found.shooting, found.solution
         own = own_covariance(shooting, solution, scale)
         evidence = Evidence.of(shooting, solution, scale, laws=False)
+        evidence = evidence.doubted() if doubted else evidence
         free = evidence.uncertain()
         rig, names = shooting.unknowns.rig, [evidence.columns[k].name for k in free]
         since = np.array([moved.get(one.name, 0.0) for one in evidence.columns])

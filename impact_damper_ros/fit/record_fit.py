@@ -154,12 +154,12 @@ class RecordFit:
         _check_flights(found)
         return found
 
-    def _estimate_constants(self) -> ConstantEstimates:
-        return ConstantEstimates.of(self.found, self._scale, self.moved)
+    def _estimate_constants(self, *, doubted: bool = False) -> ConstantEstimates:
+        return ConstantEstimates.of(self.found, self._scale, self.moved, doubted=doubted)
 
-    def _fit_constants(self) -> None:
-        """Fit the constants by record and file, and leave out flights rejected with them."""
-        self.known = self._estimate_constants()
+    def _move_constants(self, *, doubted: bool = False) -> None:
+        """Move the constants to where record and file together have them."""
+        self.known = self._estimate_constants(doubted=doubted)
         for _ in range(_MOST_CONSTANTS):
             if not self.known.moves or 2 * self.found.obey < len(self.found.course.flies):
                 break
@@ -168,12 +168,30 @@ class RecordFit:
             self.unknowns = self.unknowns._replace(rig=self.known.rig)
             course = self.found.shooting.course_of(self.known.unknowns)
             self.found = self.found.solve(self._problem, course)
-            self.known = self._estimate_constants()
+            self.known = self._estimate_constants(doubted=doubted)
+
+    def _fit_constants(self) -> None:
+        """Fit the constants by record and file, and leave out flights rejected with them."""
+        self._move_constants()
         flights = int(self.found.course.flies.sum())
         self.found = self.found.without_rejected(self._problem)
         _check_flights(self.found)
         if self.found.course.flies.sum() < flights:
             self.known = self._estimate_constants()
+
+    def _judge_again(self) -> None:
+        """
+        Judge the flights once more with the constants that the record alone has.
+
+        Flights that show that a constant is wrong are left out while it is believed.
+        """
+        before = dict(self.moved)
+        self._move_constants(doubted=True)
+        names = self.moved.keys() | before.keys()
+        changes = [abs(self.moved.get(name, 0.0) - before.get(name, 0.0)) for name in names]
+        if max(changes, default=0.0) > _MOVED:
+            self.found = self._revise(self.found.course)
+        self._fit_constants()
 
     def _examine(self) -> Evidence:
         """Return the evidence for further parameters, and check these."""
@@ -182,14 +200,12 @@ class RecordFit:
         return evidence
 
     def _mend(self) -> None:
-        """Fit a fall of R that the checks show, or flights again after constants have changed."""
+        """Fit a fall of R that the checks show, or judge flights again if many are left out."""
         few = self.found.obey < _ENOUGH * len(self.found.course.flies)
-        changed = max(map(abs, self.moved.values()), default=0.0) > _MOVED
         if (fall := self._fall()) is not None:
             self._add_fall(fall)
-        elif few and changed:
-            self.found = self._revise(self.found.course)
-            self._fit_constants()
+        elif few:
+            self._judge_again()
         if self.unknowns.value(self.found.course.shared, 'slowness') < 0.0:
             # No rig has a restitution that grows with the speed.
             self.unknowns = self.unknowns._replace(extras=self.unknowns.extras[:-1])
