@@ -157,22 +157,22 @@ class RecordFit:
     def _estimate_constants(self, *, doubted: bool = False) -> ConstantEstimates:
         return ConstantEstimates.of(self.found, self._scale, self.moved, doubted=doubted)
 
-    def _move_constants(self, *, doubted: bool = False) -> None:
-        """Move the constants to where record and file together have them."""
-        self.known = self._estimate_constants(doubted=doubted)
-        for _ in range(_MOST_CONSTANTS):
-            if not self.known.moves or 2 * self.found.obey < len(self.found.course.flies):
-                break
-            for name, step in self.known.steps.items():
-                self.moved[name] = self.moved.get(name, 0.0) + step
-            self.unknowns = self.unknowns._replace(rig=self.known.rig)
-            course = self.found.shooting.course_of(self.known.unknowns)
-            self.found = self.found.solve(self._problem, course)
-            self.known = self._estimate_constants(doubted=doubted)
+    def _move_constants(self, known: ConstantEstimates) -> None:
+        """Move the constants by a step, and solve the course with them."""
+        for name, step in known.steps.items():
+            self.moved[name] = self.moved.get(name, 0.0) + step
+        self.unknowns = self.unknowns._replace(rig=known.rig)
+        course = self.found.shooting.course_of(known.unknowns)
+        self.found = self.found.solve(self._problem, course)
 
     def _fit_constants(self) -> None:
         """Fit the constants by record and file, and leave out flights rejected with them."""
-        self._move_constants()
+        self.known = self._estimate_constants()
+        for _ in range(_MOST_CONSTANTS):
+            if not self.known.moves or 2 * self.found.obey < len(self.found.course.flies):
+                break
+            self._move_constants(self.known)
+            self.known = self._estimate_constants()
         flights = int(self.found.course.flies.sum())
         self.found = self.found.without_rejected(self._problem)
         _check_flights(self.found)
@@ -185,13 +185,11 @@ class RecordFit:
 
         Flights that show that a constant is wrong are left out while it is believed.
         """
-        before = dict(self.moved)
-        self._move_constants(doubted=True)
-        names = self.moved.keys() | before.keys()
-        changes = [abs(self.moved.get(name, 0.0) - before.get(name, 0.0)) for name in names]
-        if max(changes, default=0.0) > _MOVED:
+        known = self._estimate_constants(doubted=True)
+        if max(map(abs, known.steps.values()), default=0.0) > _MOVED:
+            self._move_constants(known)
             self.found = self._revise(self.found.course)
-        self._fit_constants()
+            self._fit_constants()
 
     def _examine(self) -> Evidence:
         """Return the evidence for further parameters, and check these."""
