@@ -164,7 +164,7 @@ class Evidence(NamedTuple):
         gradient = residual.T @ left + condition.T @ multipliers
         return cls(columns, information / scale**2, gradient / scale**2, changes)
 
-    def doubted(self) -> Evidence:
+    def if_wrong(self) -> Evidence:
         """Return the evidence if all constants are wrong that may be."""
         columns = [
             one._replace(uncertainty=_WRONG_BY, doubt=0.0)

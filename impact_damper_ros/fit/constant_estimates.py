@@ -61,7 +61,7 @@ class ConstantEstimates(NamedTuple):
         shooting, solution = found.shooting, found.solution
         own = own_covariance(shooting, solution, scale)
         evidence = Evidence.of(shooting, solution, scale, laws=False)
-        evidence = evidence.doubted() if doubted else evidence
+        evidence = evidence.if_wrong() if doubted else evidence
         free = evidence.uncertain()
         rig, names = shooting.unknowns.rig, [evidence.columns[k].name for k in free]
         since = np.array([moved.get(one.name, 0.0) for one in evidence.columns])

@@ -268,7 +268,7 @@ def test_a_constant_of_a_file_may_be_wrong(best, since):
     left = np.stack([a, b], axis=-1) - mean
     assert covariance == pytest.approx(np.einsum('ij,ijk,ijl', weight, left, left), rel=1e-3)
     # If the constant is wrong for sure, its deviation is 10 %.
-    step, covariance = evidence.doubted().step([0, 1], now)
+    step, covariance = evidence.if_wrong().step([0, 1], now)
     wrong = information + np.diag([0.1**-2, 0.0])
     assert covariance == pytest.approx(np.linalg.inv(wrong))
     assert now + step == pytest.approx(np.linalg.solve(wrong, information @ middle))
