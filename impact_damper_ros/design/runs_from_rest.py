@@ -200,8 +200,3 @@ def largest_from_rest(
         some = {n: np.broadcast_to(v, len(largest))[longer] for n, v in cases.items()}
         largest[longer] = np.maximum(largest[longer], largest_in_long(rig, some))
     return largest
-
-
-def from_rest(rig: RigParameters) -> float:
-    """Return the largest |X| of a rig some time after it was started from rest, m."""
-    return float(largest_from_rest(rig, {'gap': [rig.gap]})[0])

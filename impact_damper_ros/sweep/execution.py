@@ -47,7 +47,6 @@ from .steady_state import Row, Settling, steady_state
 from .table import (
     MetadataError,
     check_format,
-    failed_row,
     read_table,
     table_of,
     write_table,
@@ -115,7 +114,7 @@ def rig_row(
             rig = Rig(parameters, initial, control=control, law=law, compiled=None)
         row = steady_state(rig, settling, halted)
     except (ParameterError, RunawayError, LawError, OverflowError) as error:
-        return failed_row(str(error)), None
+        return {'ok': False, 'reason': str(error)}, None
     if control.active:
         # The section does not hold the state of the control.
         row['state'] = json.dumps(rig.snapshot(), separators=(',', ':'))

@@ -166,11 +166,6 @@ _STATED = """
     primary_mass stiffness damping damper_mass gap restitution_1 restitution_2 angle friction
     gravity air_force force_amplitudes force_frequencies base_amplitudes base_frequencies
 """
-#: Groups of parameters that a figure states only if the rig has them.
-_IF: dict[str, Callable[[RigParameters], bool]] = {
-    'force': lambda rig: any(rig.force_amplitudes),
-    'base': lambda rig: rig.base_motion.moves,
-}
 
 
 def _statement(grid: Grid, name: str) -> str:
@@ -194,9 +189,10 @@ def _fixed_text(grid: Grid) -> str:
         left_out.add('gravity')
     if rig.air_force == 0.0:
         left_out.add('air_force')
-    for group, acts in _IF.items():
-        if not acts(rig):
-            left_out |= {f'{group}_amplitudes', f'{group}_frequencies'}
+    if not any(rig.force_amplitudes):
+        left_out |= {'force_amplitudes', 'force_frequencies'}
+    if not rig.base_motion.moves:
+        left_out |= {'base_amplitudes', 'base_frequencies'}
     parts = [_statement(grid, name) for name in _STATED.split() if name not in left_out]
     if rig.multisine_level:
         parts.append(f'multisine of {rig.multisine_level:.6g} N rms')

@@ -169,11 +169,6 @@ def columns_of(grid: Grid) -> list[SweepColumn]:
     return [*place, *varied, *found]
 
 
-def failed_row(reason: str) -> Row:
-    """Return the columns of a rig that could not be simulated."""
-    return {'ok': False, 'reason': reason}
-
-
 def _relative_section(row: Any) -> Array:
     """Return the section of a motion that repeats, relative to its size; shape (4, k)."""
     section = np.array([getattr(row, name) for name in SECTION], dtype=float)

@@ -9,11 +9,12 @@ from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
+from design.brute_force import from_rest
 
 from impact_damper_ros import Rig, RigParameters, load_parameters
 from impact_damper_ros.cli.design_damper import _parser, _rig, main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
-from impact_damper_ros.design.runs_from_rest import at_level, from_rest
+from impact_damper_ros.design.runs_from_rest import at_level
 
 STRUCTURE = ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--base', '0.2g']
 

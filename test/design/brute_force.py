@@ -31,7 +31,7 @@ import numpy as np
 
 from impact_damper_ros import InitialConditions, Rig, RigParameters, settle
 from impact_damper_ros.design.damper_design import best_design
-from impact_damper_ros.design.runs_from_rest import at_level, from_rest, widest_hit
+from impact_damper_ros.design.runs_from_rest import at_level, largest_from_rest, widest_hit
 from impact_damper_ros.design.worst_case import worst_cases
 
 SEED = 1000
@@ -40,6 +40,11 @@ _SETTLING, _TAKEN, _SAMPLES = 150, 10, 128
 #: Most that largest |X| changes between two cycles of a settled motion.
 _STEADY = 0.002
 _GAPS_FROM_REST, _MARGIN = 150, 0.95
+
+
+def from_rest(rig):
+    """Return the largest |X| of a rig some time after it was started from rest, m."""
+    return float(largest_from_rest(rig, {'gap': [rig.gap]})[0])
 
 
 def random_structure(seed, beside=0.0):

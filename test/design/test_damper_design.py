@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from design.brute_force import trial
+from design.brute_force import from_rest, trial
 
 from impact_damper_ros import Rig, RigParameters, settle
 from impact_damper_ros.design.damper_design import best_design, best_from_rest, optimal_gap
@@ -19,7 +19,6 @@ from impact_damper_ros.design.runs_from_rest import (
     _sizes,
     at_level,
     bare_amplitudes,
-    from_rest,
     largest_from_rest,
     settling_cycles,
     widest_hit,
