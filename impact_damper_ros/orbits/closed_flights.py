@@ -40,7 +40,7 @@ from impact_damper_ros.motion.flight import (
 )
 from impact_damper_ros.motion.impact import bounce, rebound, rebound_slopes
 from impact_damper_ros.motion.kernels import kernel
-from impact_damper_ros.motion.oscillator import Free, free_response, set_oscillator
+from impact_damper_ros.motion.oscillator import Free, Oscillator, free_response, set_oscillator
 from impact_damper_ros.motion.state import (
     DAMPER_MASS,
     DAMPING,
@@ -217,6 +217,32 @@ def begin_at(moving: Moving, node: NodeRow, row: Sequence[float]) -> None:
 
 
 @kernel
+def write_flight_matrix(
+    oscillator: Oscillator, span: float, moves: float, matrix: Any, place: int
+) -> None:
+    """
+    Write the matrix that carries deviations through a flight, row by row from a place on.
+
+    `moves` is 1 where m moves by itself, and 0 where it moves as one with M.
+    """
+    free: Free = free_response(oscillator, span)
+    bend = -oscillator.omega_squared * free.impulse
+    for k in range(16):
+        matrix[place + k] = 0.0
+    matrix[place] = free.step
+    matrix[place + 1] = free.impulse
+    matrix[place + 4] = bend
+    matrix[place + 5] = free.rate
+    matrix[place + 8] = moves * (1.0 - free.step)
+    matrix[place + 9] = moves * (span - free.impulse)
+    matrix[place + 10] = 1.0
+    matrix[place + 11] = moves * span
+    matrix[place + 12] = -moves * bend
+    matrix[place + 13] = moves * (1.0 - free.rate)
+    matrix[place + 15] = moves
+
+
+@kernel
 def fly(moving: Moving, node: NodeRow, row: Any) -> None:
     """Compute the flight after a node, from the state in its row."""
     run = moving.run
@@ -244,21 +270,7 @@ def fly(moving: Moving, node: NodeRow, row: Any) -> None:
     row[RATE_END + 2] = moves * motion.relative_velocity
     row[RATE_END + 3] = moves * motion.relative_2
     row[JERK] = motion.x_3
-    free: Free = free_response(oscillator, span)
-    bend = -oscillator.omega_squared * free.impulse
-    for k in range(16):
-        row[MATRIX + k] = 0.0
-    row[MATRIX] = free.step
-    row[MATRIX + 1] = free.impulse
-    row[MATRIX + 4] = bend
-    row[MATRIX + 5] = free.rate
-    row[MATRIX + 8] = moves * (1.0 - free.step)
-    row[MATRIX + 9] = moves * (span - free.impulse)
-    row[MATRIX + 10] = 1.0
-    row[MATRIX + 11] = moves * span
-    row[MATRIX + 12] = -moves * bend
-    row[MATRIX + 13] = moves * (1.0 - free.rate)
-    row[MATRIX + 15] = moves
+    write_flight_matrix(oscillator, span, moves, row, MATRIX)
 
 
 @kernel(inline=True)

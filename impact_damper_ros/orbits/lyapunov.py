@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from math import cos, expm1, inf, log, sin, sqrt
+from math import inf, log, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -26,9 +26,9 @@ from impact_damper_ros.motion.event import IMPACT, REST_EVENT, REVERSAL_EVENT, S
 from impact_damper_ros.motion.kernels import call_kernel, kernel
 from impact_damper_ros.motion.state import STICK, RigConstants
 
+from .closed_flights import write_flight_matrix
 from .flight_arrays import Flights
 from .flight_integrals import (
-    EQUATION_DAMPED,
     EQUATION_DECAY,
     EQUATION_MOVES,
     EQUATION_PUSH,
@@ -50,32 +50,17 @@ _STUDENT = 2.093
 
 
 @kernel
-def carry_by_flight(equation: Any, mode: int, span: float, columns: Any) -> None:
+def carry_by_flight(
+    constants: RigConstants, equation: Any, mode: int, span: float, matrix: Any, columns: Any
+) -> None:
     """Carry deviations, a column each, through a flight."""
-    decay = equation[EQUATION_DECAY]
-    damped = equation[EQUATION_DAMPED]
-    stiffness = equation[EQUATION_SQUARE]
-    less = expm1(-decay * span)
-    half = 0.5 * damped * span
-    envelope = 1.0 + less
-    sine = sin(half)
-    impulse = 2.0 * envelope * sine * cos(half) / damped
-    fall = 2.0 * envelope * sine * sine
-    slope = envelope - fall - decay * impulse
-    less += decay * impulse - fall
-    for c in range(columns.shape[1]):
-        x = columns[X, c]
-        v = columns[V, c]
-        columns[X, c] = x + (less * x + impulse * v)
-        columns[V, c] = slope * v - stiffness * impulse * x
-        if equation[EQUATION_MOVES] != 0.0:
-            rise = (span - impulse) * v - less * x
-            columns[Y, c] += span * columns[U, c] + rise
-            columns[U, c] += stiffness * impulse * x + (1.0 - slope) * v
-        else:
-            columns[U, c] = 0.0
-        if mode > STICK:
-            # m resting on a stop has no deviation.
+    moves = equation[EQUATION_MOVES]
+    oscillator = constants.free if moves != 0.0 else constants.joint
+    write_flight_matrix(oscillator, span, moves, matrix, 0)
+    multiply_columns(matrix, 0, columns, 0, columns.shape[1])
+    if mode > STICK:
+        # m resting on a stop has no deviation.
+        for c in range(columns.shape[1]):
             columns[Y, c] = 0.0
 
 
@@ -147,14 +132,15 @@ def carry_deviations(
     factor.
     """
     now = start
-    times = rows['time']
+    times, modes = rows['time'], rows['mode']
     k = 1
     while k < len(equations) and times[k] <= start:
         k += 1
     for part in range(len(ends)):
         growth[part] = 0.0
         while k < len(equations) and times[k] <= ends[part]:
-            carry_by_flight(equations[k - 1], rows['mode'][k - 1], times[k] - now, columns)
+            span = times[k] - now
+            carry_by_flight(constants, equations[k - 1], modes[k - 1], span, matrix, columns)
             kind = rows['kind'][k]
             if kind in (IMPACT, REVERSAL_EVENT, STICK_EVENT, REST_EVENT):
                 force = 0.0
@@ -193,7 +179,8 @@ def carry_deviations(
             growth[part] += scaled_down(columns, rate)
             now = times[k]
             k += 1
-        carry_by_flight(equations[k - 1], rows['mode'][k - 1], ends[part] - now, columns)
+        span = ends[part] - now
+        carry_by_flight(constants, equations[k - 1], modes[k - 1], span, matrix, columns)
         growth[part] += scaled_down(columns, rate)
         now = ends[part]
         for i in range(4):
@@ -223,7 +210,7 @@ def _carry(
     call_kernel(
         *(carry_deviations, packed_constants(flights.rig), flights.rows, flights.equations),
         *(flights.columns, flights.lines, start, ends, rate, columns, np.empty((2, 4))),
-        *(np.empty((4, 4)), growth, products),
+        *(np.empty(16), growth, products),
     )
     return products, growth
 

@@ -69,10 +69,10 @@ def write_saltation(
     after: Any,
     start: int,
     matrix: Any,
-    row: int,
+    place: int,
 ) -> None:
     """
-    Write the matrix that carries deviations through an event, from a row on.
+    Write the matrix that carries deviations through an event, row by row from a place on.
 
     The rates of the state are those before, from the place `end` on, and after the event, from the
     place `start` on. `restitution` is the coefficient of an impact, and negative at other events,
@@ -88,11 +88,10 @@ def write_saltation(
     normal = Y if impact else U
     across = before[end + normal]
     drop = before[end + U]
-    for i in range(4):
-        for k in range(4):
-            matrix[row + i, k] = 1.0 if i == k else 0.0
-    matrix[row + V, U] = slide
-    matrix[row + U, U] = stay
+    for k in range(16):
+        matrix[place + k] = 1.0 if k % 5 == 0 else 0.0
+    matrix[place + 4 * V + U] = slide
+    matrix[place + 4 * U + U] = stay
     for i in range(4):
         rate = before[end + i]
         if i == V:
@@ -100,23 +99,21 @@ def write_saltation(
         elif i == U:
             rate = stay * drop
         if across != 0.0:
-            matrix[row + i, normal] += (after[start + i] - rate) / across
+            matrix[place + 4 * i + normal] += (after[start + i] - rate) / across
 
 
 @kernel
-def multiply_columns(matrix: Any, row: int, columns: Any, first: int, count: int) -> None:
-    """Multiply deviations, columns of four rows, by a matrix; both begin at a row of an array."""
+def multiply_columns(matrix: Any, place: int, columns: Any, first: int, count: int) -> None:
+    """Multiply deviations, columns of four rows from one on, by a matrix from a place on."""
     for c in range(count):
         x = columns[first, c]
         v = columns[first + 1, c]
         y = columns[first + 2, c]
         u = columns[first + 3, c]
         for i in range(4):
+            k = place + 4 * i
             columns[first + i, c] = (
-                matrix[row + i, X] * x
-                + matrix[row + i, V] * v
-                + matrix[row + i, Y] * y
-                + matrix[row + i, U] * u
+                matrix[k] * x + matrix[k + 1] * v + matrix[k + 2] * y + matrix[k + 3] * u
             )
 
 
@@ -138,17 +135,14 @@ def write_monodromy(problem: Problem) -> int:
         if free < size:
             size = free
             first = j
-    jump = FRAME + SIDE
+    jump = sheet[FRAME + SIDE]
     for i in range(4):
         for k in range(4):
             sheet[FRAME + i, k] = 1.0 if i == k else 0.0
     for b in range(count):
         j = (first + b) % count
         after = (j + 1) % count
-        for i in range(4):
-            for k in range(4):
-                sheet[jump + i, k] = table[j, MATRIX + 4 * i + k]
-        multiply_columns(sheet, jump, sheet, FRAME, 4)
+        multiply_columns(table[j], MATRIX, sheet, FRAME, 4)
         restitution = restitution_at(problem, after) if nodes[after].kind == IMPACT else -1.0
         write_saltation(
             problem.moving.constants,
@@ -157,10 +151,10 @@ def write_monodromy(problem: Problem) -> int:
             RATE_END,
             table[after],
             RATE_START,
-            sheet,
             jump,
+            0,
         )
-        multiply_columns(sheet, jump, sheet, FRAME, 4)
+        multiply_columns(jump, 0, sheet, FRAME, 4)
     return size
 
 
