@@ -757,7 +757,7 @@ function periodOf(orbit) {
   let after = row(again.sample());
   for (const event of [...events, null]) {
     const [from, to] = [after[0], event?.time ?? orbit.period];
-    const count = Math.ceil((to - from) * perSecond);
+    const count = Math.ceil((to - from) * perSecond - 1e-9);
     rows.push(after);
     for (let k = 1; k < count; k += 1) {
       again.advance(from + ((to - from) / count) * k);

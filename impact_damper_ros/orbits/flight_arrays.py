@@ -483,7 +483,8 @@ class Flights:
                 for mass in ('primary', 'damper')
             )
             return rows['time'], rows['x'], speed, rows['y'], damper - speed
-        count = np.ceil(self.spans * per_second).astype(np.int64) + 1
+        # Round-off does not add a point.
+        count = np.ceil(self.spans * per_second - 1e-9).astype(np.int64) + 1
         index: NDArray[np.intp] = np.repeat(np.arange(len(self), dtype=np.intp), count)
         number = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
         tau = np.repeat(self.spans / np.maximum(count - 1, 1), count) * number
