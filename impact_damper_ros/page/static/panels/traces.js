@@ -67,9 +67,10 @@ class Traces extends Axes {
     const [time, values] = ['time', name].map((one) => samples.field(one));
     const [left, middle] = [toX(0), toY(0)];
     const [across, up] = [toX(1) - left, toY(1) - middle];
-    let [column, x, y, least, most] = [NaN, 0, 0, 0, 0];
+    let [column, x, first, y, least, most] = [NaN, 0, 0, 0, 0, 0];
+    // A line that only rises or falls in its column has no corner there.
     const finish = () => {
-      if (least < most) for (const level of [least, most, y]) context.lineTo(x, level);
+      if (least < most) for (const level of [least, most].filter((one) => one !== first).concat(y)) context.lineTo(x, level);
     };
     Object.assign(context, { strokeStyle, lineWidth });
     context.beginPath();
@@ -81,8 +82,7 @@ class Traces extends Axes {
         finish();
         context.lineTo(place, there);
         column = Math.floor(ratio * place);
-        least = there;
-        most = there;
+        [first, least, most] = [there, there, there];
       } else if (there < least) least = there;
       else if (there > most) most = there;
       x = place;
