@@ -77,7 +77,8 @@ export class Connection extends Reporter {
   open() {
     clearTimeout(this.timer);
     if (this.socket) {
-      this.socket.onclose = null;
+      // What is still on its way from there is of something else.
+      this.socket.onclose = this.socket.onmessage = null;
       this.socket.close();
     }
     this.joined = false;

@@ -164,6 +164,9 @@ test('what only computes is asked again after the connection was lost, and a cha
   assert.deepEqual(second.sent, [{ type: 'structure', values: {}, id: first.sent[1].id }]);
   second.say({ type: 'answer', id: first.sent[1].id, ok: true, reason: '' });
   assert.deepEqual(await design, { type: 'answer', id: first.sent[1].id, ok: true, reason: '' });
-  second.onclose({ code: 4404 });
+  // What was on its way from a rig that is left is not taken for the other one.
+  connection.join({ bag: 'run' });
+  assert.equal(second.onmessage, null);
+  Socket.made.at(-1).onclose({ code: 4404 });
   assert.deepEqual(seen, ['again', 'lost', 'again', 'missing']);
 });
