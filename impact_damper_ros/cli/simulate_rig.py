@@ -19,6 +19,7 @@ from impact_damper_ros.control.own_law import LawError, OwnLaw
 from impact_damper_ros.measured.random_motion import RandomLines
 from impact_damper_ros.measured.record import MeasuredRecord
 from impact_damper_ros.motion.event import Event, EventKind, Sample
+from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.orbits.swept_response import SweptResponse, SweptRun
 from impact_damper_ros.outputs import is_stream
 from impact_damper_ros.parameters.gap_control_parameters import GAP_CONTROL_SPECS
@@ -76,7 +77,7 @@ from .rig_options import (
     setting_value,
     timed_changes,
 )
-from .run_summary import RunSummary
+from .run_summary import RunSummary, cycle_at
 from .shaker_options import (
     add_levels_option,
     add_random_options,
@@ -91,6 +92,8 @@ from .shaker_options import (
 STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
 EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:-1], 'force_frequency')
 
+# Cycles from which on compiled code is worth the time that its first use takes
+_COMPILED_FROM = 500
 # Ten days at 1 kHz, about 200 GB
 _MOST_SAMPLES = 1e9
 # Stamps are whole nanoseconds.
@@ -338,6 +341,11 @@ def _simulate(
     summary = RunSummary(rig, duration, response)
     drawn = arguments.figure is not None and response is None and swept is None
     sampled = RecordSamples(rig, duration) if records or drawn else None
+
+    # A call of compiled code at each of many ticks takes longer than plain code.
+    ticks = arguments.states, arguments.recording, response, swept, sampled
+    if law is None and ticks == (None,) * 5:
+        rig.compiled = duration > _COMPILED_FROM * cycle_at(rig.parameters) and has_numba()
 
     def report(*, whole: bool) -> None:
         if not arguments.quiet:
