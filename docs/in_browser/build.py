@@ -95,7 +95,7 @@ THEORY = {
     closed_flights: (
         *('Problem', 'NodeRow', 'COLUMNS', 'CONTACTS', 'END', 'GUESS', 'HISTORY', 'INSTANT'),
         *('MARKS', 'NORMAL', 'PATH', 'PLACE', 'RIG', 'ROWS', 'SLOPE', 'SPAN'),
-        *('TANGENT', 'UNITS'),
+        *('TANGENT', 'UNITS', 'UNKNOWNS', 'ROW_OF', 'UNKNOWN_OF'),
     ),
     flights: ('moving_at_impact', 'machine_of'),
     motion_flight: ('begin_flight',),

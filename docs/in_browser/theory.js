@@ -153,9 +153,10 @@ class PeriodicProblem {
     this.stops = nodes.filter(({ kind }) => kind === EventKind.IMPACT).map(({ stop }) => stop);
     const count = nodes.length;
     const [equations, unknowns] = [0, 1].map((k) => nodes.flatMap((node) => _counting(node)[k]).flatMap((counts, n) => (counts ? [n] : [])));
-    const places = rowsOf(5, 5 * count, Int32Array);
+    const places = rowsOf(4, 5 * count, Int32Array);
     for (const row of places) row.fill(-1);
-    [equations, unknowns].forEach((list_, k) => list_.forEach((place, n) => { places[k][n] = place; places[2 + k][place] = n; }));
+    places[UNKNOWNS].set(unknowns);
+    [[ROW_OF, equations], [UNKNOWN_OF, unknowns]].forEach(([row, numbers]) => numbers.forEach((place, n) => { places[row][place] = n; }));
     let stop = 0;
     const hit = [...nodes, ...nodes].map((node) => { stop = node.kind === EventKind.IMPACT ? node.stop : stop; return stop; }).slice(count);
     this.last = hit;

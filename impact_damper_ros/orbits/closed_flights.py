@@ -138,10 +138,10 @@ class Problem(NamedTuple):
         The events of a period, in order.
     table : array, shape (n, COLUMNS)
         The flights after the nodes, and their faults.
-    places : array of int, shape (5, 5 n)
-        Whether equations and unknowns count, and their numbers among those that do, or -1. Those
-        of a node are X, X', Y, Y' and the support that m needs, or the instant. The last row is
-        space of the solver.
+    places : array of int, shape (4, 5 n)
+        The unknowns that count, and the numbers of equations and unknowns among those that do, or
+        -1. Those of a node are X, X', Y, Y' and the support that m needs, or the instant. The last
+        row is space of the solver.
     sheet : array, shape (ROWS + 3 (m + 1), width)
         All other numbers, by row.
     """
@@ -169,7 +169,7 @@ DERIVATIVE, SPACE, BEST_DERIVATIVE = range(3)
 #: depend on the parameter; and of the path, the lines that have the motion of the base in place of
 #: its force, from one to another, and the derivative of its displacement that they give.
 LENGTH, SPEED, CYCLES, CONTACTS, BASE, BASE_END, BASE_ORDER = range(7)
-EQUATIONS, UNKNOWNS, ROW_OF, UNKNOWN_OF, LEAD = range(5)
+UNKNOWNS, ROW_OF, UNKNOWN_OF, LEAD = range(4)
 _NEED = 4
 _TURN = 6.283185307179586
 

@@ -55,10 +55,13 @@ from .closed_flights import (
     PATH,
     PLACE,
     RIG,
+    ROW_OF,
     ROWS,
     SLOPE,
     SPEED,
     UNITS,
+    UNKNOWN_OF,
+    UNKNOWNS,
     NodeRow,
     Problem,
 )
@@ -153,14 +156,13 @@ def _layout(nodes: tuple[Node, ...], compiles: bool) -> _Layout:
         )
         last = node
     counting = np.array([_counting(node) for node in nodes])
-    count = 5 * len(nodes)
-    places = np.full((5, count), -1, np.int64)
-    for k in range(2):
-        numbers = np.flatnonzero(counting[:, k].ravel())
-        places[k, : len(numbers)] = numbers
-        places[2 + k, numbers] = np.arange(len(numbers))
+    equations, unknowns = (np.flatnonzero(counting[:, k].ravel()) for k in range(2))
+    places = np.full((4, 5 * len(nodes)), -1, np.int64)
+    places[UNKNOWNS, : len(unknowns)] = unknowns
+    for row, numbers in ((ROW_OF, equations), (UNKNOWN_OF, unknowns)):
+        places[row, numbers] = np.arange(len(numbers))
     packed_nodes = pack_rows(rows, NodeRow) if compiles else rows
-    return _Layout(rows, packed_nodes, places, len(numbers))
+    return _Layout(rows, packed_nodes, places, len(unknowns))
 
 
 def _zeros(cls: Any) -> Any:
@@ -300,7 +302,7 @@ class PeriodicProblem:
         length, speed = self.units[[LENGTH, SPEED]]
         units = length, speed, length, speed, 1.0 / self.rig[FIRST_LINE + 1]
         full = np.concatenate([states, instants[..., None]], axis=-1) / units
-        counting = self.layout.places[1, : self.layout.unknowns]
+        counting = self.layout.places[UNKNOWNS, : self.layout.unknowns]
         values: Array = full.reshape(*instants.shape[:-1], -1)[..., counting]
         return values
 
