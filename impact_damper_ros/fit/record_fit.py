@@ -186,10 +186,16 @@ class RecordFit:
         Flights that show that a constant is wrong are left out while it is believed.
         """
         known = self._estimate_constants(doubted=True)
-        if max(map(abs, known.steps.values()), default=0.0) > _MOVED:
+        if max(map(abs, known.steps.values()), default=0.0) <= _MOVED:
+            return
+        before = self.found, self.known, self.unknowns, dict(self.moved)
+        try:
             self._move_constants(known)
             self.found = self._revise(self.found.course)
             self._fit_constants()
+        except (UnfitRecordError, *NO_SUCH_RIG):
+            # No rig with such constants: the flights remain as they were judged.
+            self.found, self.known, self.unknowns, self.moved = before
 
     def _examine(self) -> Evidence:
         """Return the evidence for further parameters, and check these."""
