@@ -20,9 +20,9 @@ import numpy as np
 from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .first_course import scan_costs, thin_out
+from .first_course import GRID, PENALTY, guess_of, thin_out
 from .gauss_newton import FitSolution, System
-from .partition import Record, fit_vibration, free_vibrations
+from .partition import Record, fit_vibration, free_vibrations, least_cost
 from .shooting import Shooting
 from .unknowns import CONSTANTS, Fall, later, scaled_constant
 from .vibration import Array, Phasors, Vibration
@@ -472,20 +472,17 @@ def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     return best if costs[best] < _CLEARLY * as_it_is else ''
 
 
-def wrong_file(
-    record: Record, rig: RigParameters, deviation: float, start: tuple[float, float]
-) -> tuple[str, tuple[float, float]]:
+def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     """
-    Return the fault of a file with which a fit has failed, and the start for another attempt.
+    Return the sentence on a fault of a file with which a fit has failed, or ''.
 
-    The fault is a sentence: a record without impacts, or another sign, level or phase of the
-    force, where one leaves far fewer vibrations; '' if none does. The start is the best K and C
-    of a grid about the given ones, which counts where there is no fault.
+    The fault is a record without impacts, or another sign, level or phase of the force, where one
+    leaves far fewer vibrations.
     """
     # Units are not tried: with one that leaves hardly any force, vibrations are fewer than with a
     # wrong phase.
     if without_impacts := _one_vibration(record, rig, deviation):
-        return without_impacts, start
+        return without_impacts
     fewer = thin_out(record, rig, _SAMPLES)
     others = [(sentence, _driven_rig(rig, factor)) for factor, sentence in _SIGNS.items()]
     period = math.tau / max(rig.first_harmonic[1], 1e-3 * rig.omega)
@@ -495,9 +492,8 @@ def wrong_file(
     # Half a period later the sign is reversed.
     weights = [_AS_GOOD if sentence == OTHER_PHASE else 1.0 for sentence, _ in others]
     sentence, other = others[int(np.argmin(np.divide(costs, weights)))]
-    as_it_is, best = scan_costs(fewer, rig, start, deviation)
-    there, _ = scan_costs(fewer, other, start, deviation)
-    return (sentence if there < (1.0 - _SAVED) * as_it_is else ''), best
+    as_it_is, there = (_cost(fewer, one, deviation, *GRID) for one in (rig, other))
+    return sentence if there < (1.0 - _SAVED) * as_it_is else ''
 
 
 def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
@@ -532,7 +528,14 @@ def _driven_rig(rig: RigParameters, factor: float) -> RigParameters:
     return scaled_constant(driven, 'base_amplitudes', 1.0 / factor - 1.0) or driven
 
 
-def _cost(record: Record, rig: RigParameters, deviation: float, stiffnesses: Array) -> float:
-    """Return the least cost with some stiffnesses, in that of the rig."""
-    damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
-    return scan_costs(record, rig, (rig.stiffness, damping), deviation, (stiffnesses, _ONE))[0]
+def _cost(
+    record: Record,
+    rig: RigParameters,
+    deviation: float,
+    stiffnesses: Array,
+    dampings: Array = _ONE,
+) -> float:
+    """Return the least cost with some stiffnesses and dampings, in those of the rig."""
+    stiffness, damping = guess_of(rig)
+    tried = product((stiffness * stiffnesses).tolist(), (damping * dampings).tolist())
+    return min(least_cost(record, Vibration.of(rig, *one), deviation, PENALTY) for one in tried)

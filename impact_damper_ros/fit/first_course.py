@@ -23,7 +23,7 @@ _ROUNDS = 4
 #: Numbers of phases of the force, and stiffnesses over that of the start, that are tried.
 _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
 #: Stiffnesses and dampings, over those of the start, that are tried where the phase is known.
-_GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
+GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
 #: Changes of K, and of C, after which impacts are searched again.
@@ -84,18 +84,9 @@ def thin_out(record: Record, rig: RigParameters, samples: int) -> Record:
     return Record(record.time[part], record.motion[part], record.weight[part], record.order)
 
 
-def scan_costs(
-    record: Record,
-    rig: RigParameters,
-    start: tuple[float, float],
-    deviation: float,
-    grid: tuple[Array, Array] = _GRID,
-) -> tuple[float, tuple[float, float]]:
-    """Return the least cost on a grid of K and C over those of a start, with its K and C."""
-    tried = [(start[0] * k, start[1] * c) for k in grid[0].tolist() for c in grid[1].tolist()]
-    return min(
-        (least_cost(record, Vibration.of(rig, *one), deviation, PENALTY), one) for one in tried
-    )
+def guess_of(rig: RigParameters) -> tuple[float, float]:
+    """Return K and C of a rig as a guess, which is not without damping."""
+    return rig.stiffness, max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
 
 
 def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float, float]:
@@ -106,7 +97,7 @@ def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float,
     stiffness shifts the phase of the response, too.
     """
     period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
-    damping = max(rig.damping, 1e-6 * rig.stiffness / rig.omega)
+    damping = guess_of(rig)[1]
 
     def cost(tried: tuple[float, float]) -> float:
         delay, stiffness = tried
@@ -135,13 +126,9 @@ def first_course(
     deviation: float,
     measured: Array,
     impact_deviation: float,
-    start: tuple[float, float],
 ) -> Course:
     """
-    Return the course by partition and regression, from a start for K and C.
-
-    Near resonance, free vibrations resemble the response to the force, so that the best start, of
-    `scan_costs`, may be far from the rig.
+    Return the course by partition and regression, from the K and C of the rig.
 
     Raises
     ------
@@ -152,7 +139,7 @@ def first_course(
     bias = unknowns.column('bias')
     offset = clock_offset_of(record, rig) if bias >= 0 else 0.0
     record = record._replace(motion=record.motion - offset)
-    stiffness, damping = start
+    stiffness, damping = guess_of(rig)
     late, force_delay = 0.0, unknowns.column('force_delay')
     if force_delay >= 0:
         late, stiffness = _delay(record, rig, deviation)

@@ -25,7 +25,6 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
 from .acceptance import LEAST_USED, MOST_CHI, judge_fit
 from .candidates import Candidate, misreading, wrong_file
-from .course import Course
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
 from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
@@ -291,45 +290,22 @@ def _fit(
     times, deviation = times[inside], measured.impact_deviation
     noise = rough_noise(record)
 
-    starts: list[Course] = []
-
-    def attempt(near: tuple[float, float]) -> RigFit | None:
-        """Return the fit from a start for K and C; None from a course that was tried before."""
-        try:
-            course = first_course(record, unknowns, noise, times, deviation, near)
-            if starts and _same_start(starts[0], course):
-                return None
-            starts.append(course)
-            fit = RecordFit(record, unknowns, times, deviation)
-            fit.run(course)
-            return _result(measured, fit)
-        except UnfitRecordError as error:
-            return _refusal(measured, [str(error)])
-        except NO_SUCH_RIG:
-            return _refusal(measured, [f'no rig like this one moves as recorded: {WRONG_RIG}'])
-
     offset = clock_offset_of(record, start) if 'bias' in extras else 0.0
     level = record._replace(motion=record.motion - offset * record.weight)
     if cause := misreading(level, start, noise):
         return _refusal(measured, [cause])
-    near = start.stiffness, max(start.damping, 1e-6 * start.stiffness / start.omega)
-    found = attempt(near)
-    assert found is not None
-    if found.accepted or _explains_record(found):
+    try:
+        fit = RecordFit(record, unknowns, times, deviation)
+        fit.run(first_course(record, unknowns, noise, times, deviation))
+        found = _result(measured, fit)
+    except UnfitRecordError as error:
+        found = _refusal(measured, [str(error)])
+    except NO_SUCH_RIG:
+        found = _refusal(measured, [f'no rig like this one moves as recorded: {WRONG_RIG}'])
+    if found.accepted or 'force_delay' in extras or _explains_record(found):
         return found
-    if 'force_delay' in extras:
-        return found
-    cause, near = wrong_file(level, start, noise, near)
-    if cause:
-        return found._replace(reasons=[cause, *found.reasons])
-    again = attempt(near)
-    return again if again and (again.accepted or _explains_record(again)) else found
-
-
-def _same_start(one: Course, other: Course) -> bool:
-    """Return whether two first courses lead to the same fit."""
-    apart = abs(one.shared[0] / other.shared[0] - 1.0)
-    return len(one) == len(other) and bool(apart < _SAME_STIFFNESS)
+    cause = wrong_file(level, start, noise)
+    return found._replace(reasons=[cause, *found.reasons]) if cause else found
 
 
 def _explains_record(found: RigFit) -> bool:
