@@ -37,6 +37,8 @@ for (const address of addresses) {
   await page.goto(address);
   // Keys go to the page, not to what had the focus in the process of the page before.
   await page.bringToFront();
+  await page.click('h1');
+  await until('document.hasFocus()');
   await until('impactDamper.store.frames > 3 && impactDamper.history.impacts.length > 2 && document.querySelector("#knob-gap")');
   await page.keyboard.press(' ');
   await paused(true);
