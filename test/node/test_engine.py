@@ -354,11 +354,13 @@ def test_stamps_of_a_step_are_not_ahead_of_the_clock_however_late_its_thread_is(
 def test_several_pauses_do_not_add_up_to_a_delay():
     """Each pause falls somewhere between two ticks; stamps are not late by that part of it."""
     with Bench(factor=1.0, rate=2.0, clock=False).started() as bench:
-        for _ in range(8):
+        for resumed in range(8):
             bench.pause()
             asked_ns = bench.wall.time_ns()
             bench.pause(False)
-            last = bench.snapshots()[-1]
+            # The snapshot follows the answer.
+            until(lambda count=resumed: len(bench.snapshots('resume')) > count)
+            last = bench.snapshots('resume')[-1]
             resumed_ns = last['stamp_offset_ns'] + last['time_ns']
             assert asked_ns <= resumed_ns <= bench.wall.time_ns()
 
