@@ -84,7 +84,7 @@ def in_process() -> dict[str, float]:
 
 
 class Ran(NamedTuple):
-    """A program that has run: its output, CPU time, and time by the clock, s."""
+    """Output of a program that has run, and its time by CPU and by the clock, s."""
 
     output: str
     spent: float

@@ -54,7 +54,8 @@ def judge_fit(
     ]
     course = revised.course
     flights, used = len(course) - 1, int(course.flies.sum())
-    # A flight that none confirms fits with many laws, and says as little as an unclear one.
+    # Many laws fit a flight that no other one confirms: it tests the model no more than an
+    # unclear one.
     tested = flights - revised.unclear - revised.unconfirmed
     if used < LEAST_FLIGHTS:
         reasons.append(

@@ -54,7 +54,7 @@ class ConstantEstimates(NamedTuple):
         cls, found: Revised, scale: float, moved: Mapping[str, float], *, doubted: bool = False
     ) -> ConstantEstimates:
         """
-        Return the estimates for constants that were changed by parts since the file.
+        Return the estimates, given the relative changes of the constants from the file.
 
         If they are `doubted`, all are wrong in the file that may be.
         """

@@ -63,7 +63,7 @@ class RecordFit:
     unknowns : Unknowns
         The shared unknowns; its rig has the constants by record and file.
     moved : dict
-        Relative changes of constants since the file.
+        Relative changes of the constants from the file.
     found : Revised
         The fitted course, after `run`.
     known : ConstantEstimates

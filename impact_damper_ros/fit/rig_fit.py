@@ -43,8 +43,6 @@ FURTHER = (
     *('restitution_2', 'restitution_speed', 'bias', 'force_delay'),
     *('damper_mass', 'primary_mass'),
 )
-#: First courses are alike with as many impacts and stiffnesses that differ by less than this part.
-_SAME_STIFFNESS = 1e-3
 #: A clock that begins farther from 0, s, leaves too few digits for derivatives by the time.
 _FAR = 1e4
 

@@ -38,6 +38,7 @@ from .kept_kernels import MachineCode
 
 F = TypeVar('F', bound=Callable[..., Any])
 T = TypeVar('T')
+R = TypeVar('R')
 
 #: The first release that compiles the kernels, and the first that was not tried, as in setup.py:
 #: private parts of numba that are used below may be others there (`test/motion/test_numba.py`).
@@ -494,17 +495,14 @@ def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
     return compiled_kernel(function.__name__, arguments, what)(*arguments)
 
 
-def on_threads(run: Callable[[T], object], parts: Sequence[T], threads: int | None = None) -> None:
-    """Run kernels on the parts of a task in threads."""
+def on_threads(run: Callable[[T], R], parts: Sequence[T], threads: int | None = None) -> list[R]:
+    """Run kernels on the parts of a task in threads; return the results in order."""
     count = min(threads or len(os.sched_getaffinity(0)), len(parts))
     if count < 2:
-        for part in parts:
-            run(part)
-        return
+        return [run(part) for part in parts]
     with ThreadPoolExecutor(count) as pool:
         try:
-            for done in [pool.submit(run, part) for part in parts]:
-                done.result()
+            return [done.result() for done in [pool.submit(run, part) for part in parts]]
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

@@ -221,7 +221,7 @@ def write_flight_matrix(
     oscillator: Oscillator, span: float, moves: float, matrix: Any, place: int
 ) -> None:
     """
-    Write the matrix that carries deviations through a flight, row by row from a place on.
+    Write the matrix that carries deviations through a flight, row by row, from an index on.
 
     `moves` is 1 where m moves by itself, and 0 where it moves as one with M.
     """

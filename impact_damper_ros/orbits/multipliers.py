@@ -72,10 +72,10 @@ def write_saltation(
     place: int,
 ) -> None:
     """
-    Write the matrix that carries deviations through an event, row by row from a place on.
+    Write the matrix that carries deviations through an event, row by row, from an index on.
 
-    The rates of the state are those before, from the place `end` on, and after the event, from the
-    place `start` on. `restitution` is the coefficient of an impact, and negative at other events,
+    The rates of the state are those before, from the index `end` on, and after the event, from the
+    index `start` on. `restitution` is the coefficient of an impact, and negative at other events,
     where the relative velocity becomes zero. A deviation does not move an event where m stuck or
     rested: its relative rates are zero there.
     """
@@ -104,7 +104,7 @@ def write_saltation(
 
 @kernel
 def multiply_columns(matrix: Any, place: int, columns: Any, first: int, count: int) -> None:
-    """Multiply deviations, columns of four rows from one on, by a matrix from a place on."""
+    """Multiply columns of deviations, which begin in a row, by a matrix from an index on."""
     for c in range(count):
         x = columns[first, c]
         v = columns[first + 1, c]

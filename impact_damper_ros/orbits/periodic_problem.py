@@ -65,9 +65,9 @@ from .closed_flights import (
     NodeRow,
     Problem,
 )
+from .kernel_tasks import SOLVE, compute
 from .multipliers import multipliers_of
 from .newton import LEAST_RESIDUAL, NEWTON_STEPS, RESIDUAL_TOLERANCE
-from .tasks import SOLVE, compute
 from .viability import why_not_viable
 
 Array = NDArray[np.float64]
@@ -270,7 +270,7 @@ class PeriodicProblem:
     def compute(
         self, task: int, in_order: bool, one: float, other: float, trace: Array = _NO_TRACE
     ) -> tuple[int, int]:
-        """Let the kernels compute, as `tasks.compute`."""
+        """Let the kernels compute, as `kernel_tasks.compute`."""
         answer: tuple[int, int] = call_kernel(
             *(compute, self.arrays, trace, task, in_order, float(one), float(other)),
             what='periodic solver',

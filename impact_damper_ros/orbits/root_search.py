@@ -37,7 +37,7 @@ def has_speeds(problem: Problem) -> bool:
 
 @kernel
 def is_known(problem: Problem, rows: Any, found: int, tolerance: float) -> bool:
-    """Return whether the place is one of the roots in rows, but for whole cycles of the force."""
+    """Return whether the place is a root that the rows have, up to whole cycles of the force."""
     sheet = problem.sheet
     count = coordinates(problem) - 1
     turn = 2.0 * HALF_TURN

@@ -201,11 +201,10 @@ def _theory(
     *,
     viable: bool = False,
 ) -> tuple[list[PeriodicOrbit], StartReport]:
-    """Solve from all starts, or many, of the impact equations; maybe viable motions only."""
+    """Return the motions of the impact equations, or the viable ones only, and the starts."""
     complete, count = is_scanned(machine_of(parameters), stops), None
     equations = ImpactEquations(parameters, stops, cycles)
     if equations.impacts > 2:
-        complete = False
         count = STARTS_PER_INSTANT * (equations.impacts - 1) if starts is None else starts
     roots, converged = impact_roots(equations, count, viable=viable)
     return _distinct(map(orbit_of, roots), stops), StartReport(complete, count or 0, converged)

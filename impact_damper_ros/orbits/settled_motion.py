@@ -493,7 +493,7 @@ def settle(
     cycles = whole_number('cycles', cycles, 1, 2**31)
     run = _SettlingRig(rig, max(watch, 3 * longest), events, longest)
     # Without force the rest of a start decays, but states never come back.
-    if cycles > watch and math.isinf(quiet) and _active_rates(rig.parameters):
+    if cycles > watch and math.isinf(quiet) and run.forced:
         if not run.wait(cycles - watch, tolerance, interrupted):
             between = watch
         if run.reason:

@@ -52,12 +52,12 @@ from .closed_flights import (
     SPAN,
     TANGENT,
 )
+from .kernel_tasks import CORRECT, GO_ON, LOCATE
 from .orbit import PeriodicOrbit, stability_of
 from .periodic_problem import PeriodicProblem, Solution, multipliers_of_map, parameter_numbers
 from .response import Array
 from .search import within_theory
 from .solved_orbits import Guess, guess_on, orbit_of
-from .tasks import CORRECT, GO_ON, LOCATE
 from .varied_parameter import BOTH_RESTITUTIONS, Steps
 
 #: Rows of a trace: few enough steps for Ctrl-C.

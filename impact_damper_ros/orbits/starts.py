@@ -14,9 +14,9 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from .arguments import OrbitError, check_forcing, check_stops
 from .closed_flights import BEST_DERIVATIVE
 from .flights import machine_of
+from .kernel_tasks import FIND_ROOTS, LINEAR_SYSTEM
 from .periodic_problem import PeriodicProblem, Solution, impact_nodes
 from .response import Array
-from .tasks import FIND_ROOTS, LINEAR_SYSTEM
 
 
 class ImpactEquations:
@@ -247,17 +247,11 @@ def impact_roots(
             for k, first in enumerate(firsts)
         ]
     size = 4 * equations.impacts
-    none = np.zeros((0, 2 * size + 1))
-    found = [(none, 0)] * len(parts)
-
-    def find(number: int) -> None:
-        found[number] = _find(parts[number])
-
-    on_threads(find, range(len(parts)))
-    rows = np.concatenate([none, *(part for part, _ in found)])
+    found = on_threads(_find, parts)
+    rows = np.concatenate([np.zeros((0, 2 * size + 1)), *(part for part, _ in found)])
     if viable and len(rigs) == 1:
         rows = rows[rows[:, -1] > 0.0]
-    # Of the roots that several parts found one is solved.
+    # A root that several parts have found is solved once.
     roots = rows[:, size:-1].reshape(-1, equations.impacts, 4)
     phases = roots[..., 3] / math.tau
     phases -= np.floor(phases[:, :1])

@@ -373,11 +373,9 @@ def _run_all(
 ) -> EnsembleResult:
     """Let all rigs run, block by block, in threads."""
     constants, lines, runs, waves = arrays
-    firsts = range(0, len(runs), _BLOCK)
-    kept: dict[int, Any] = {}
     outcomes, in_mode = np.zeros(len(runs), np.int64), np.zeros((len(runs), len(Mode)))
 
-    def run_block(first: int) -> None:
+    def run_block(first: int) -> npt.NDArray[Any]:
         rows = slice(first, first + _BLOCK)
         samples = np.full((len(outcomes[rows]), len(when), len(Sample._fields)), np.nan)
         run_compiled(
@@ -393,9 +391,9 @@ def _run_all(
             anew=True,
         )
         states = samples.view(SAMPLE_TYPE).reshape(samples.shape[:2])
-        kept[first] = states if reduce is None else reduce(states)
+        return states if reduce is None else reduce(states)
 
-    on_threads(run_block, firsts, threads)
+    kept = on_threads(run_block, range(0, len(runs), _BLOCK), threads)
     energies = np.zeros((len(runs), 2))
     if controls is not None:
         actuators: Any = controls.actuators
@@ -404,7 +402,7 @@ def _run_all(
     return EnsembleResult(
         outcomes,
         runs['now'].copy(),
-        np.concatenate([kept[first] for first in firsts]),
+        np.concatenate(kept),
         runs['happened'].copy(),
         in_mode,
         energies,

@@ -137,7 +137,7 @@ def _set_axes(axes: Any, grid: Grid) -> None:
 
 def _cell_edges(axis: Axis) -> Array:
     """Return the edges of the cells that have the values of an axis in their middle."""
-    values = axis.shown
+    values = axis.shown_values
     if len(values) == 1:
         return np.array([values[0] - 0.5, values[0] + 0.5])
     if axis.logarithmic:
@@ -428,7 +428,7 @@ def bifurcation_figure(
 
     grid = Grid.from_inputs(table.attrs['inputs'])
     axis = grid.axes[0]
-    values = axis.shown
+    values = axis.shown_values
     cycle = _numbers(table.cycle)
     exponent = _numbers(table.lyapunov_exponent) * cycle
     exponents = bool(np.isfinite(exponent).any())
@@ -545,8 +545,8 @@ def _draw_map(
     for name, rows in _classes(table).items():
         i, j = np.nonzero(_grids(grid, rows)[turn][1])
         axes.plot(
-            across.shown[i],
-            up.shown[j],
+            across.shown_values[i],
+            up.shown_values[j],
             linestyle='none',
             marker='o',
             markersize=size,
@@ -557,7 +557,9 @@ def _draw_map(
     impacts = _grids(grid, _numbers(table.impacts_per_cycle))[turn][1]
     if min(impacts.shape) > 1 and (impacts > 0.0).any() and (impacts == 0.0).any():
         some = np.ma.masked_invalid(np.where(np.isnan(impacts), np.nan, impacts > 0.0))
-        edge = axes.contour(across.shown, up.shown, some.T, [0.5], colors='white', linewidths=1.0)
+        edge = axes.contour(
+            across.shown_values, up.shown_values, some.T, [0.5], colors='white', linewidths=1.0
+        )
         edge.set_path_effects(_outline())
     return mesh
 

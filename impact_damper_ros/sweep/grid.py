@@ -137,7 +137,7 @@ class Axis:
         return UNITS[self.varied[0].spec.unit][self.unit] if self.unit else 1.0
 
     @property
-    def shown(self) -> npt.NDArray[np.float64]:
+    def shown_values(self) -> npt.NDArray[np.float64]:
         """The values in the unit of the axis."""
         return np.array(self.values, float) / self.factor
 
