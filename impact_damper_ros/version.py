@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The version of package.xml and setup.py, which `catkin_prepare_release` raises together."""
 
-from importlib.metadata import version
-
 
 def _version() -> str:
     try:
@@ -11,6 +9,8 @@ def _version() -> str:
         with open(manifest, encoding='utf-8') as text:  # noqa: PTH123 - as in lazy_names
             return text.read().partition('<version>')[2].partition('<')[0]
     except FileNotFoundError:
+        from importlib.metadata import version
+
         return version('impact_damper_ros')
 
 

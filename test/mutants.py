@@ -54,15 +54,7 @@ OPERATORS = {
 }
 #: Where kernels are altered: as if numba were not installed.
 PLAIN = """
-import importlib.metadata as metadata, sys
-installed = metadata.version
-
-def version(name):
-    if name == 'numba':
-        raise metadata.PackageNotFoundError(name)
-    return installed(name)
-
-metadata.version = version
+import sys
 sys.modules['numba'] = None
 """
 #: What an endless loop may fill, bytes

@@ -19,12 +19,15 @@ def _is_command() -> bool:
 
 
 def _accept_surroundings() -> None:
-    """Print any character in any terminal, and draw into files, whatever the environment sets."""
+    """Print any character in any terminal, draw into files, and use one thread for matrices."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
     # The backend of a notebook cannot be used by a command that the notebook starts.
     os.environ['MPLBACKEND'] = 'agg'
+    # For small matrices further threads only wait, which costs processor time.
+    for library in ('OMP', 'OPENBLAS', 'MKL'):
+        os.environ.setdefault(f'{library}_NUM_THREADS', '1')
 
 
 if _is_command():

@@ -19,7 +19,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
-from impact_damper_ros import __version__
 from impact_damper_ros.bag import RecordingError
 from impact_damper_ros.outputs import check_file, check_new, is_stream, output_fault, write_text
 from impact_damper_ros.parameters.base_motion import QUANTITIES, quantity_of
@@ -177,6 +176,16 @@ class _Parser(argparse.ArgumentParser):
         super().exit(status, message and as_message(message.rstrip()) + '\n')
 
 
+class _Version(argparse.Action):
+    """Prints the version, which takes long to find, and ends the command."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from impact_damper_ros import __version__
+
+        print(f'{parser.prog} (impact_damper_ros) {__version__}')
+        parser.exit()
+
+
 def command_parser(
     command: str, description: str, epilog: str = '', needs: Sequence[Need] = ()
 ) -> argparse.ArgumentParser:
@@ -193,7 +202,11 @@ def command_parser(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        '--version', action='version', version=f'{command} (impact_damper_ros) {__version__}'
+        '--version',
+        action=_Version,
+        nargs=0,
+        default=SUPPRESS,
+        help="show program's version number and exit",
     )
     return parser
 

@@ -261,8 +261,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(given)
     if arguments.start is not None:
         arguments.node = '/sim_node'
-    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
-        os.environ.setdefault(name, '1')
 
     # Frames wait neither for the threads of theory, designs and what-ifs nor for a compiler.
     sys.setswitchinterval(SWITCH_INTERVAL_S)

@@ -62,12 +62,12 @@ class MachineCode(NamedTuple):
                     llvm.add_symbol(symbol, _address(symbol))
             engine.add_object_file(llvm.ObjectFileRef.from_data(self.code))
             engine.finalize_object()
-            environment = _extension('_dynfunc').Environment({})
+            environment = _part_of_numba('_dynfunc').Environment({})
             place = engine.get_global_value_address(self.environment)
             ctypes.c_void_p.from_address(place).value = id(environment)
             function = engine.get_function_address(self.function)
         kept = environment, engine
-        return _extension('_dynfunc').make_function(
+        return _part_of_numba('_dynfunc').make_function(
             sys.modules[__name__], name, '', function, environment, kept
         )
 
@@ -83,8 +83,17 @@ def _engine() -> Any:
     return llvm.create_mcjit_compiler(llvm.parse_assembly(''), machine)
 
 
-def _extension(name: str) -> ModuleType:
-    """Return an extension module of numba, without the rest of numba."""
+def numba_version() -> str | None:
+    """Return the version of numba; None if it is not installed."""
+    if importlib.util.find_spec('numba') is None:
+        return None
+    # Metadata of distributions would take longer than all else
+    installed: str = _part_of_numba('_version').get_versions()['version']
+    return installed
+
+
+def _part_of_numba(name: str) -> ModuleType:
+    """Return a module of numba that needs no other, without the rest of numba."""
     full = f'numba.{name}'
     if full not in sys.modules:
         package = importlib.util.find_spec('numba')
@@ -107,6 +116,6 @@ def _address(symbol: str) -> int:
     if kind == 'PyExc':
         return id(getattr(builtins, name))
     for module in ('_helperlib', '_dynfunc'):
-        if kind == 'numba' and name in (helpers := _extension(module).c_helpers):
+        if kind == 'numba' and name in (helpers := _part_of_numba(module).c_helpers):
             return int(helpers[name])
     raise ValueError(f'{symbol} is not known')

@@ -19,7 +19,6 @@ import logging
 import os
 import pickle
 import secrets
-import subprocess
 import sys
 import threading
 import types
@@ -27,14 +26,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from inspect import unwrap
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from .kept_kernels import MachineCode
+from .kept_kernels import MachineCode, numba_version
 
 F = TypeVar('F', bound=Callable[..., Any])
 T = TypeVar('T')
@@ -82,9 +80,8 @@ def kernel(
 @cache
 def has_numba() -> bool:
     """Return whether the kernels can be compiled; a program without it reports that."""
-    try:
-        installed = version('numba')
-    except PackageNotFoundError:
+    installed = numba_version()
+    if installed is None:
         lack = 'numba is not installed'
     else:
         release = tuple(map(int, installed.split('.')[:2]))
@@ -130,9 +127,10 @@ def _digest(kernel_name: str) -> str:
 
 def _compiler_digest() -> str:
     """Return a digest of compiler and processor, and of how code is linked and kept."""
+    import llvmlite
     import llvmlite.binding as llvm
 
-    parts: list[Any] = [sys.version, version('numba'), version('llvmlite')]
+    parts: list[Any] = [sys.version, numba_version(), llvmlite.__version__]
     parts += [llvm.get_host_cpu_name(), sorted(llvm.get_host_cpu_features().items())]
     for maker in (_part_compiler, _entry_compiler, _compiled_only_row, _compile, _kind):
         for code in _codes(unwrap(maker).__code__):
@@ -159,7 +157,7 @@ def directory() -> Path | None:
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
             if os.access(path, os.W_OK):
                 return path
-        except (OSError, PackageNotFoundError, RuntimeError):
+        except (ImportError, OSError, RuntimeError):
             continue
     return None
 
@@ -395,6 +393,8 @@ def compile_elsewhere() -> None:
 
 def _keep_elsewhere(name: str, arguments: Sequence[Any], path: Path) -> None:
     """Have a kernel compiled and kept by another process; if that fails, nothing is kept."""
+    import subprocess
+
     modules = sorted({function.__module__ for function in _KERNELS.values()})
     program = (
         'import importlib, os, pickle, sys\n'

@@ -38,11 +38,10 @@ _PATIENCE_S = 1800.0
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment in which another Python finds this package and uses one core."""
+    """Return the environment in which another Python finds this package."""
     root = str(Path(impact_damper_ros.__file__).parents[1])
     path = os.pathsep.join(filter(None, [root, os.environ.get('PYTHONPATH')]))
-    threads = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
-    return {**os.environ, **dict.fromkeys(threads, '1'), 'PYTHONPATH': path}
+    return {**os.environ, 'PYTHONPATH': path}
 
 
 class Recordings:

@@ -135,7 +135,7 @@ def test_what_is_kept_is_loaded_without_numba():
 
     lines(more=False)
     modules, result = lines(more=False)
-    assert modules == "['numba._dynfunc', 'numba._helperlib']"
+    assert modules == "['numba._dynfunc', 'numba._helperlib', 'numba._version']"
     assert lines(more=True) == [modules, 'True', result]
 
 
@@ -164,12 +164,7 @@ def test_compiled_code_that_cannot_be_kept_serves_this_process(caplog, monkeypat
     ],
 )
 def test_what_runs_on_without_a_compiler_says_so(installed, words, monkeypatch, caplog):
-    def version(_name):
-        if installed is None:
-            raise kernels.PackageNotFoundError
-        return installed
-
-    monkeypatch.setattr(kernels, 'version', version)
+    monkeypatch.setattr(kernels, 'numba_version', lambda: installed)
     monkeypatch.setattr(kernels, '_PATIENCE_S', 0.0)
     assert kernels.has_numba.__wrapped__() == (not words)
     if words:

@@ -11,6 +11,7 @@ import pytest
 from setup_file import setup_says
 
 from impact_damper_ros.motion import kernels
+from impact_damper_ros.motion.kept_kernels import numba_version
 
 pytest.importorskip('numba')
 
@@ -52,6 +53,7 @@ def test_attributes_of_what_is_compiled():
     assert made.fndesc.llvm_cpython_wrapper_name.startswith('_ZN7cpython')
     assert made.target_context.get_env_name(made.fndesc).startswith('_ZN08NumbaEnv')
     # What is loaded without numba needs these of it, by their files
+    assert numba_version() == numba.__version__
     assert 'adapt_ndarray' in _helperlib.c_helpers
     assert {'Environment', 'make_function', 'c_helpers'} <= {*dir(_dynfunc)}
     # That of a law of the user's own, in control/own_law.py
