@@ -36,7 +36,7 @@ from .flight_integrals import (
     FLIGHT_BEGIN,
     FLIGHT_COLUMNS,
     FLIGHT_LINE,
-    GAUSS_POINTS,
+    NO_POINTS,
     NO_SERIES,
     SUM_BASE,
     SUM_FORCE,
@@ -418,7 +418,7 @@ class Flights:
         if self.drive is not None:
             rates = [rig.omega, *rig.harmonics[1]]
             fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
-            arrays = rows, self.equations, self.columns, self.lines, GAUSS_POINTS
+            arrays = rows, self.equations, self.columns, self.lines, NO_POINTS.copy()
             numbers = fastest, rig.stiffness, rig.damping, shaken
             call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
         else:

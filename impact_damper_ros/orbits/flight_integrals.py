@@ -30,9 +30,14 @@ from .transmissibility import Moments, Transmissibility
 #: Terms of a series, and the longest piece as an angle of the fastest oscillation, rad: the
 #: truncation errors of the series and of the integral of a square are below round-off.
 TERMS, _PIECE_ANGLE = 20, 1.2
-_NODES, _GAUSS = np.polynomial.legendre.leggauss(8)
-#: Places of the Gauss points in a piece, and their weights.
-GAUSS_POINTS: Array = np.array([0.5 * (_NODES + 1.0), 0.5 * _GAUSS])
+_GAUSS, _NUMBERS_AT = 8, 5
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(_GAUSS)
+#: Numbers of the Gauss points in a piece, which follow one another: X, its derivative by the
+#: place, the force, the places and their weights.
+AT_X, AT_SLOPE, AT_FORCE, AT_PLACE, AT_WEIGHT = range(0, _NUMBERS_AT * _GAUSS, _GAUSS)
+#: To be written, but for places and weights.
+NO_POINTS: Array = np.zeros(_NUMBERS_AT * _GAUSS)
+NO_POINTS[AT_PLACE:] = [*0.5 * (_NODES + 1.0), *0.5 * _WEIGHTS]
 #: A turning point is sought next to points above this share of the largest |X|, in this number of
 #: steps.
 _NEAR_LARGEST, _NEWTON_STEPS = 0.98, 6
@@ -210,6 +215,24 @@ def sums_at(series: Any, place: float) -> tuple[float, float, float]:
 
 
 @kernel
+def write_points(series: Any, at: Any) -> None:
+    """Write what `sums_at` returns, at all Gauss points of a piece at once."""
+    # The compiler takes several points at once: their numbers are parts of one array, so that it
+    # knows them to be apart, and it does not know their count, so that it keeps the loop.
+    count = len(at) // _NUMBERS_AT
+    for k in range(AT_PLACE):
+        at[k] = 0.0
+    for n in range(TERMS):
+        x = series[_SERIES_X, TERMS - 1 - n]
+        force = series[_SERIES_FORCE, TERMS - 1 - n]
+        for k in range(count):
+            place = at[AT_PLACE + k]
+            at[AT_SLOPE + k] = at[AT_SLOPE + k] * place + at[AT_X + k]
+            at[AT_X + k] = at[AT_X + k] * place + x
+            at[AT_FORCE + k] = at[AT_FORCE + k] * place + force
+
+
+@kernel
 def turning_size(series: Any, place: float) -> float:
     """Return the largest |X| at the turning point of a piece next to a place, and on the way."""
     largest = 0.0
@@ -222,7 +245,10 @@ def turning_size(series: Any, place: float) -> float:
             bend = bend * place + n * (n - 1) * series[_SERIES_X, n]
         if bend == 0.0:
             return largest
+        before = place
         place = min(max(place - slope / bend, 0.0), 1.0)
+        if place == before:
+            return largest
     return largest
 
 
@@ -253,7 +279,7 @@ def integrate_flights(
     equations: Any,
     flights: Any,
     lines: Any,
-    points: Any,
+    at: Any,
     fastest: float,
     stiffness: float,
     damping: float,
@@ -285,14 +311,15 @@ def integrate_flights(
             best = abs(x)
             place = 0.0
             sums[SUM_TIME] += span
-            for k in range(points.shape[1]):
-                weight = points[1, k] * span
-                here, slope, force = sums_at(series, points[0, k])
+            write_points(series, at)
+            for k in range(_GAUSS):
+                weight = at[AT_WEIGHT + k] * span
+                here = at[AT_X + k]
                 if abs(here) > best:
                     best = abs(here)
-                    place = points[0, k]
-                speed = slope / span
-                force += flight[FLIGHT_ACTIVE]
+                    place = at[AT_PLACE + k]
+                speed = at[AT_SLOPE + k] / span
+                force = at[AT_FORCE + k] + flight[FLIGHT_ACTIVE]
                 sums[SUM_X] += weight * here
                 sums[SUM_SQUARES] += weight * here * here
                 sums[SUM_FORCE] += weight * force * speed
@@ -300,7 +327,7 @@ def integrate_flights(
                 slip = speed
                 if shaken:
                     base, base_speed, base_rate = base_of_flight(
-                        flight, lines, since + points[0, k] * span, stiffness, damping
+                        flight, lines, since + at[AT_PLACE + k] * span, stiffness, damping
                     )
                     slip = speed - base_speed
                     # The motion of the base also changes the rate of the dashpot.
