@@ -558,6 +558,21 @@ def test_another_machine_watches_and_sees_that(tab, live, parameters, tmp_path):
 # Rules
 
 
+#: The controls that are in the page now, and the one that has the focus with whether that is seen.
+KEYBOARD = """
+document.querySelector('.skip').focus();
+globalThis.controls = [...document.querySelectorAll('a[href], button, select, input, summary, [tabindex="0"]')]
+    .filter(one => one.checkVisibility({ visibilityProperty: true }) && !one.disabled);
+globalThis.named = one => one.id || `${one.closest('[data-name], section, aside')?.dataset.name
+    ?? one.closest('section, aside')?.id} ${one.dataset.term || one.value || one.textContent}`;
+globalThis.tabbed = () => {
+    const one = document.activeElement;
+    if (one === document.body) return null;
+    const { outlineStyle, outlineWidth, boxShadow } = getComputedStyle(one);
+    return [named(one), outlineStyle !== 'none' && parseFloat(outlineWidth) > 0 || boxShadow !== 'none'];
+}; 0"""
+
+
 def within(page):
     """Return what is beyond an edge of the window, too small for a finger, or cut."""
     cut = page.run("""[...document.querySelectorAll('button, select, input, canvas, h2')]
@@ -614,6 +629,14 @@ def test_everything_is_in_sight_large_enough_and_accessible(opened):
     page.resize(*DESK)
     page.drawn()
     assert_drawn(page.run(CANVASES))
+    # By the Tab key alone each control is reached, once, and seen to be
+    page.run(KEYBOARD)
+    reached = []
+    while (at := page.run('tabbed()')) not in reached:
+        reached += [at] if at else []
+        page.key('Tab')
+    assert set(page.run('controls.map(named)')) == {name for name, _ in reached}
+    assert [name for name, seen in reached if not seen] == []
     if not axe:
         pytest.skip('axe-core is not installed (npm install)')
 
