@@ -561,7 +561,8 @@ def test_another_machine_watches_and_sees_that(tab, live, parameters, tmp_path):
 #: The controls that are in the page now, and the one that has the focus with whether that is seen.
 KEYBOARD = """
 document.querySelector('.skip').focus();
-globalThis.controls = [...document.querySelectorAll('a[href], button, select, input, summary, [tabindex="0"]')]
+globalThis.controls = [...document.querySelectorAll(
+    'a[href], button, select, input, summary, [tabindex="0"]')]
     .filter(one => one.checkVisibility({ visibilityProperty: true }) && !one.disabled);
 globalThis.named = one => one.id || `${one.closest('[data-name], section, aside')?.dataset.name
     ?? one.closest('section, aside')?.id} ${one.dataset.term || one.value || one.textContent}`;
@@ -569,7 +570,8 @@ globalThis.tabbed = () => {
     const one = document.activeElement;
     if (one === document.body) return null;
     const { outlineStyle, outlineWidth, boxShadow } = getComputedStyle(one);
-    return [named(one), outlineStyle !== 'none' && parseFloat(outlineWidth) > 0 || boxShadow !== 'none'];
+    const outlined = outlineStyle !== 'none' && parseFloat(outlineWidth) > 0;
+    return [named(one), outlined || boxShadow !== 'none'];
 }; 0"""
 
 
