@@ -13,7 +13,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.sweep import (
@@ -28,12 +28,11 @@ from impact_damper_ros.sweep import (
     range_from_text,
     summary_of,
     summary_text,
-    sweep,
 )
-from impact_damper_ros.sweep.execution import MOST_JOBS
+from impact_damper_ros.sweep.execution import MOST_JOBS, run_grid
 from impact_damper_ros.sweep.grid import Follow
 from impact_damper_ros.sweep.part_file import part_path
-from impact_damper_ros.sweep.table import FORMATS, check_format
+from impact_damper_ros.sweep.table import FORMATS, Columns, check_format
 
 from .command_line import (
     EXIT_FAILED,
@@ -57,9 +56,6 @@ from .rig_options import (
     given_law,
     given_rig,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _DEFAULT = Settling()
 #: Exit code if every rig failed.
@@ -333,7 +329,7 @@ def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
             client.close(timeout=5)
 
 
-def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
+def _swept(grid: Grid, arguments: argparse.Namespace) -> Columns:
     """Run the rest of the sweep; return its table."""
     part = part_path(arguments.output)
     done = 0
@@ -343,10 +339,8 @@ def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
             progress = _Progress(grid, workers, quiet=arguments.quiet)
             with progress.bar:
                 try:
-                    return sweep(
-                        *(grid, arguments.output),
-                        executor=executor,
-                        jobs=arguments.jobs,
+                    return run_grid(
+                        *(grid, arguments.output, executor, arguments.jobs),
                         overwrite=arguments.overwrite,
                         progress=progress,
                     )
@@ -365,26 +359,29 @@ def _swept(grid: Grid, arguments: argparse.Namespace) -> pd.DataFrame:
         raise
 
 
-def _report(table: pd.DataFrame, arguments: argparse.Namespace) -> int:
+def _report(columns: Columns, arguments: argparse.Namespace) -> int:
     """Draw and summarise the table; return the exit code."""
+    grid, values = columns
     if arguments.measure is None:
-        known = table.x_max_ratio.notna().any() or not table.ok.any()
+        known = any(ratio is not None for ratio in values['x_max_ratio']) or not any(values['ok'])
         arguments.measure = 'x_max_ratio' if known else 'x_max'
     measure, best = arguments.measure, arguments.optimum
-    optimum = None if best == 'none' else find_optimum(table, measure, best)
-    summary = summary_of(table, optimum)
-    branches = [] if arguments.no_theory or not arguments.figure else branches_of(table)
-    for path in arguments.figure:
-        draw_sweep(table, arguments.measure, optimum, path, branches)
+    optimum = None if best == 'none' else find_optimum(columns, measure, best)
+    summary = summary_of(columns, optimum)
+    if arguments.figure:
+        table = columns.frame()
+        branches = [] if arguments.no_theory else branches_of(table)
+        for path in arguments.figure:
+            draw_sweep(table, arguments.measure, optimum, path, branches)
     write_json(arguments.json, summary)
     if not arguments.quiet:
         print(summary_text(arguments.output, summary), file=sys.stderr)
         missed = optimum is None and arguments.optimum != 'none' and not summary['attractors']
         if missed and summary['failed'] < summary['rigs']:
             why = f'no motion has {arguments.measure}: give another --measure'
-            if 'gap_control' in table.attrs['inputs']:
+            if grid.setup.control.active:
                 why += '; under gap control exponents and multipliers are not measured'
-            elif not table.settled.fillna(False).any():
+            elif not any(values['settled']):
                 why = 'no motion repeats: give more --cycles'
             print(f'  no optimum, since {why}', file=sys.stderr)
     return _ALL_FAILED if summary['failed'] == summary['rigs'] else 0

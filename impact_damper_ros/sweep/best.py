@@ -6,8 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
-from .grid import Grid
-from .table import check_measure, complete_table
+from .table import Columns, check_measure
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +51,9 @@ class Optimum:
     at_edge: bool
 
 
-def find_optimum(table: pd.DataFrame, measure: str, best: Best = 'least') -> Optimum | None:
+def find_optimum(
+    table: pd.DataFrame | Columns, measure: str, best: Best = 'least'
+) -> Optimum | None:
     """
     Find the best rig of a sweep.
 
@@ -79,17 +80,20 @@ def find_optimum(table: pd.DataFrame, measure: str, best: Best = 'least') -> Opt
     check_measure(measure)
     if best not in get_args(Best):
         raise ValueError(f'best is {best!r}: give one of {", ".join(get_args(Best))}')
-    table = complete_table(table)
-    grid = Grid.from_inputs(table.attrs['inputs'])
-    eligible = table['ok' if grid.setup.control.active else 'settled'].fillna(False).astype(bool)
-    found = table[measure].astype(float).where(eligible)
-    if found.isna().all():
+    grid, columns = Columns.of(table)
+    eligible = columns['ok' if grid.setup.control.active else 'settled']
+    known = {
+        k: float(value)
+        for k, (chosen, value) in enumerate(zip(eligible, columns[measure], strict=True))
+        if chosen and value is not None
+    }
+    if not known:
         return None
-    point = int(found.idxmin() if best == 'least' else found.idxmax())
+    point = (min if best == 'least' else max)(known, key=known.__getitem__)
     values = grid.values(point)
     return Optimum(
-        *(measure, best, point, values, float(found[point])),
-        direction=str(table.direction.fillna('')[point]),
+        *(measure, best, point, values, known[point]),
+        direction=columns['direction'][point] or '',
         at_edge=any(
             len(axis) > 1 and value in (axis.values[0], axis.values[-1])
             for axis, value in zip(grid.axes, values, strict=True)

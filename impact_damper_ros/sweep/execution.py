@@ -27,7 +27,6 @@ from concurrent.futures import (
     ThreadPoolExecutor,
 )
 from contextlib import contextmanager
-from importlib import import_module
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait as wait_for
 from pathlib import Path
@@ -45,10 +44,10 @@ from .grid import Grid, RigSetup, Varied
 from .part_file import PartFile, State, other_inputs, part_path
 from .steady_state import Row, Settling, steady_state
 from .table import (
+    Columns,
     MetadataError,
     check_format,
     read_table,
-    table_of,
     write_table,
 )
 
@@ -182,8 +181,6 @@ def _workers(grid: Grid, jobs: int) -> Iterator[tuple[Executor, RunTask]]:
         # A thread that comes back from compiled code would wait for the lock longer than it ran
         sys.setswitchinterval(_SWITCH_SECONDS)
         with ThreadPoolExecutor(jobs) as threads:
-            # pandas makes the table, and takes as long to load as some rigs.
-            threads.submit(import_module, 'pandas')
             try:
                 yield threads, lambda task: run_task(task, halted.is_set)
             finally:
@@ -342,6 +339,19 @@ def sweep(
     >>> list(table.stops)
     ['1,2', '1,2', '1,2']
     """
+    return run_grid(grid, output, executor, jobs, overwrite=overwrite, progress=progress).frame()
+
+
+def run_grid(
+    grid: Grid,
+    output: str | Path | None,
+    executor: Executor | None,
+    jobs: int | None,
+    *,
+    overwrite: bool,
+    progress: Callable[[int], object],
+) -> Columns:
+    """Return the table of `sweep`, without loading pandas unless its file needs it."""
     path = None if output is None else Path(output)
     cores = len(os.sched_getaffinity(0))
     jobs = cores if jobs is None else whole_number('jobs', jobs, 1, MOST_JOBS)
@@ -360,15 +370,15 @@ def sweep(
                     f'{error}\ngive another output, or overwrite it (--overwrite)'
                 ) from None
             part_path(path).unlink(missing_ok=True)
-            return table
+            return Columns.of(table)
     with PartFile(place, grid.inputs(), anew=overwrite) as part:
         if executor is not None or jobs == 1:
             _run(grid, part, executor, progress)
         else:
             with _workers(grid, jobs) as (workers, run):
                 _run(grid, part, workers, progress, run)
-        table = table_of(grid, (part.rows[k] for k in range(grid.size)))
+        columns = Columns.of_rows(grid, (part.rows[k] for k in range(grid.size)))
         if path is not None:
-            write_table(table, path)
+            write_table(columns, path)
         part.delete()
-    return table
+    return columns

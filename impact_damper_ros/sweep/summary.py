@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from impact_damper_ros.parameters.quoting import plural
 
 from .best import Optimum
-from .grid import Grid
+from .table import Columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,23 +23,33 @@ if TYPE_CHECKING:
 _MOST_SHOWN = 8
 
 
-def attractors_of(table: pd.DataFrame) -> list[dict[str, Any]]:
+def attractors_of(table: pd.DataFrame | Columns) -> list[dict[str, Any]]:
     """Return the attractors of a sweep of initial conditions, the most frequent first."""
-    if not all(axis.initial for axis in Grid.from_inputs(table.attrs['inputs']).axes):
+    grid, columns = Columns.of(table)
+    if not all(axis.initial for axis in grid.axes):
         return []
-    return [
-        {
-            'attractor': int(number),
-            'kind': rows.kind.iloc[0],
-            'cycles': int(rows.cycles.iloc[0]) if rows.settled.iloc[0] else None,
-            'stops': rows.stops.iloc[0] if rows.settled.iloc[0] else None,
-            'share': len(rows) / len(table),
-            'x_max': float(rows.x_max.mean()),
-            'x_max_ratio': float(rows.x_max_ratio.mean()),
-            'first_point': int(rows.point.iloc[0]),
-        }
-        for number, rows in table.groupby('attractor')
-    ]
+    rows = defaultdict[int, list[int]](list)
+    for k, number in enumerate(columns['attractor']):
+        if number is not None:
+            rows[int(number)].append(k)
+    found = []
+    for number, places in sorted(rows.items()):
+        first, settled = places[0], columns['settled'][places[0]]
+        sizes = ([columns[name][k] for k in places] for name in ('x_max', 'x_max_ratio'))
+        x_max, ratio = (np.array(one, dtype=float) for one in sizes)
+        found.append(
+            {
+                'attractor': number,
+                'kind': columns['kind'][first],
+                'cycles': int(columns['cycles'][first]) if settled else None,
+                'stops': columns['stops'][first] if settled else None,
+                'share': len(places) / grid.size,
+                'x_max': float(x_max.mean()),
+                'x_max_ratio': float(ratio.mean()),
+                'first_point': first,
+            }
+        )
+    return found
 
 
 def attractor_text(attractor: dict[str, Any]) -> str:
@@ -48,9 +62,9 @@ def attractor_text(attractor: dict[str, Any]) -> str:
     return text
 
 
-def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
+def summary_of(table: pd.DataFrame | Columns, optimum: Optimum | None) -> dict[str, Any]:
     """Return counts, attractors and optimum of a sweep, for JSON."""
-    grid = Grid.from_inputs(table.attrs['inputs'])
+    grid, values = columns = Columns.of(table)
     found = None
     if optimum is not None:
         pairs = list(zip(grid.axes, optimum.values, strict=True))
@@ -61,18 +75,18 @@ def summary_of(table: pd.DataFrame, optimum: Optimum | None) -> dict[str, Any]:
             'at': [f'{axis.name} = {axis.value_text(value, rig, 7)}' for axis, value in pairs],
         }
     return {
-        'rigs': len(table),
-        'failed': int((~table.ok).sum()),
-        'reasons': _counts(table.reason, _MOST_SHOWN),
-        'kinds': _counts(table.kind),
-        'attractors': attractors_of(table),
+        'rigs': grid.size,
+        'failed': values['ok'].count(False),
+        'reasons': _counts(values['reason'], _MOST_SHOWN),
+        'kinds': _counts(values['kind']),
+        'attractors': attractors_of(columns),
         'optimum': found,
     }
 
 
-def _counts(column: pd.Series[Any], most: int | None = None) -> dict[str, int]:
+def _counts(texts: Iterable[str | None], most: int | None = None) -> dict[str, int]:
     """Return the number of each text, the most frequent first."""
-    return {str(text): int(count) for text, count in column.value_counts()[:most].items()}
+    return dict(Counter(text for text in texts if text is not None).most_common(most))
 
 
 def summary_text(path: Path, summary: dict[str, Any]) -> str:

@@ -8,10 +8,11 @@ stores in a Parquet file. A CSV file has units and inputs in comments at its hea
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -119,7 +120,6 @@ def _columns() -> dict[str, SweepColumn]:
 
 
 _BY_NAME = _columns()
-_LISTS = {name for name, column in _BY_NAME.items() if column.kind not in _DTYPES}
 _PLACE = ('point', 'direction')
 _MEASURES = """
     cycles impacts x_max x_max_ratio x_rms x_mean transmissibility relative_transmissibility
@@ -134,6 +134,54 @@ def check_measure(measure: str) -> None:
     """Raise ValueError if there is no such measure."""
     if measure not in MEASURES:
         raise ValueError(f'measure is {quote(measure)}: give one of {", ".join(MEASURES)}')
+
+
+class Columns(NamedTuple):
+    """The table of a sweep without pandas, which takes as long to load as many rigs run."""
+
+    grid: Grid
+    #: The values of each column by its name, None where there is none
+    values: dict[str, list[Any]]
+
+    @classmethod
+    def of(cls, table: pd.DataFrame | Columns) -> Columns:
+        """Return a whole table, its rows in order; or raise ValueError."""
+        if isinstance(table, Columns):
+            return table
+        table = complete_table(table)
+        known = table.astype(object).where(table.notna(), None)
+        values = {str(name): known[name].tolist() for name in known}
+        return cls(Grid.from_inputs(table.attrs['inputs']), values)
+
+    @classmethod
+    def of_rows(cls, grid: Grid, rows: Iterable[Row]) -> Columns:
+        """Return the table from the columns of its rigs, in order."""
+        known = list(rows)
+        values = {
+            name: [_present(kind, row.get(name)) for row in known]
+            for name, kind, *_ in columns_of(grid)
+        } | grid.columns()
+        if len(grid.directions) == 1 and not any(axis.initial for axis in grid.axes):
+            # A rig has one row.
+            values['attractor'] = [0 if ok else None for ok in values['ok']]
+            return cls(grid, values)
+        names = [str(one) for axis in grid.axes if not axis.initial for one in axis.varied]
+        same = defaultdict[Any, list[int]](list)
+        for k in range(len(known)):
+            same[tuple(values[name][k] for name in names)].append(k)
+        for places in same.values():
+            numbers = attractor_numbers([known[k] for k in places])
+            for k, number in zip(places, numbers, strict=True):
+                values['attractor'][k] = number
+        return cls(grid, values)
+
+    def frame(self) -> pd.DataFrame:
+        """Return the table of pandas."""
+        import pandas as pd
+
+        kinds = {one.name: one.kind for one in columns_of(self.grid)}
+        series = {name: _series(kind, self.values[name]) for name, kind in kinds.items()}
+        return _describe(pd.DataFrame(series), self.grid)
 
 
 def complete_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -169,12 +217,12 @@ def columns_of(grid: Grid) -> list[SweepColumn]:
     return [*place, *varied, *found]
 
 
-def _relative_section(row: Any) -> Array:
+def _relative_section(row: Row) -> Array:
     """Return the section of a motion that repeats, relative to its size; shape (4, k)."""
-    section = np.array([getattr(row, name) for name in SECTION], dtype=float)
-    size = row.x_max + float(np.ptp(section[2])) or 1.0
-    section /= size * np.array([[1.0], [math.tau / row.cycle]] * 2)
-    if row.impacts == 0:
+    section = np.array([row[name] for name in SECTION], dtype=float)
+    size = row['x_max'] + float(np.ptp(section[2])) or 1.0
+    section /= size * np.array([[1.0], [math.tau / row['cycle']]] * 2)
+    if row['impacts'] == 0:
         # Without impacts m may be anywhere in the gap.
         section[2] = 0.0
     return section
@@ -188,7 +236,7 @@ def _is_same(one: Array, other: Array) -> bool:
     )
 
 
-def attractor_numbers(table: pd.DataFrame) -> list[int | None]:
+def attractor_numbers(rows: Iterable[Row]) -> list[int | None]:
     """
     Return the number of each row's motion among those of one rig.
 
@@ -197,12 +245,12 @@ def attractor_numbers(table: pd.DataFrame) -> list[int | None]:
     """
     known: list[tuple[tuple[Any, ...], Array]] = []
     found: list[int | None] = []
-    for row in table.itertuples():
-        if not row.ok:
+    for row in rows:
+        if not row['ok']:
             found.append(None)
             continue
-        kind = (row.kind, *((row.cycles, row.stops) if row.settled else ()))
-        section = _relative_section(row) if row.settled else np.zeros((4, 1))
+        kind = (row['kind'], *((row['cycles'], row['stops']) if row['settled'] else ()))
+        section = _relative_section(row) if row['settled'] else np.zeros((4, 1))
         same = (n for n, (k, other) in enumerate(known) if k == kind and _is_same(other, section))
         number = next(same, len(known))
         if number == len(known):
@@ -223,6 +271,11 @@ def _describe(table: pd.DataFrame, grid: Grid) -> pd.DataFrame:
         'inputs': grid.inputs(),
     }
     return table
+
+
+def _present(kind: Kind, value: Any) -> Any:
+    """Return a value, or None for a number that is NaN."""
+    return None if kind == 'double' and value is not None and math.isnan(value) else value
 
 
 def _array(kind: Kind, values: ArrayLike | None) -> Array | None:
@@ -248,24 +301,6 @@ _READ: dict[str, Callable[[str], Any]] = {
 }
 
 
-def table_of(grid: Grid, rows: Iterable[Row]) -> pd.DataFrame:
-    """Return the table of a sweep from the columns of its rigs, in order."""
-    import pandas as pd
-
-    columns, known = columns_of(grid), list(rows)
-    found = {one.name: [row.get(one.name) for row in known] for one in columns} | grid.columns()
-    series = {name: _series(kind, found[name]) for name, kind, *_ in columns}
-    table = pd.DataFrame(series)
-    if len(grid.directions) == 1 and not any(axis.initial for axis in grid.axes):
-        # A rig has one row.
-        table['attractor'] = table.ok.astype('Int64').where(table.ok) * 0
-        return _describe(table, grid)
-    names = [str(one) for axis in grid.axes if not axis.initial for one in axis.varied]
-    for _, rig in table.groupby(names) if names else [((), table)]:
-        table.loc[rig.index, 'attractor'] = pd.array(attractor_numbers(rig), dtype='Int64')
-    return _describe(table, grid)
-
-
 _CSV_TITLE = '# Steady states of an impact damper. In pandas: read_csv(file, comment="#")'
 _CSV_INPUTS = '# impact_damper_ros.sweep: '
 _CSV_UNITS = '# units: '
@@ -275,22 +310,35 @@ def _is_csv(path: Path) -> bool:
     return path.suffix.lower() == '.csv'
 
 
-def write_table(table: pd.DataFrame, path: Path) -> None:
+#: Texts of the values of a CSV file, as pandas writes them; those of lists are in JSON.
+_TEXTS: dict[str, Callable[[Any], str]] = {
+    'double': lambda value: repr(float(value)),
+    'integer': lambda value: str(int(value)),
+    'bool': lambda value: str(bool(value)),
+    'text': str,
+    'doubles': lambda values: json.dumps(np.asarray(values, 'f8').tolist()),
+    'integers': lambda values: json.dumps(np.asarray(values, 'i1').tolist()),
+}
+
+
+def write_table(columns: Columns, path: Path) -> None:
     """Write the table of a sweep, completely or not at all."""
     with whole(path) as draft:
         if not _is_csv(path):
-            table.to_parquet(draft, index=False, compression='zstd')
+            columns.frame().to_parquet(draft, index=False, compression='zstd')
             return
-        units = {name: unit for name, unit in table.attrs['units'].items() if unit}
-        texts = table.copy()
-        for name in texts.columns.intersection(_LISTS):
-            texts[name] = [
-                None if cell is None else json.dumps(cell.tolist()) for cell in table[name]
-            ]
+        known = columns_of(columns.grid)
+        units = {one.name: one.unit for one in known if one.unit}
+        texts = [
+            ['' if value is None else _TEXTS[kind](value) for value in columns.values[name]]
+            for name, kind, *_ in known
+        ]
         with draft.open('w', encoding='utf-8', newline='') as stream:
-            stream.write(f'{_CSV_TITLE}\n{_CSV_INPUTS}{json.dumps(table.attrs["inputs"])}\n')
+            stream.write(f'{_CSV_TITLE}\n{_CSV_INPUTS}{json.dumps(columns.grid.inputs())}\n')
             stream.write(f'{_CSV_UNITS}{json.dumps(units)}\n')
-            texts.to_csv(stream, index=False, lineterminator='\n')
+            lines = csv.writer(stream, lineterminator='\n')
+            lines.writerow([one.name for one in known])
+            lines.writerows(zip(*texts, strict=True))
 
 
 class MetadataError(ValueError):
@@ -351,9 +399,11 @@ def _read_csv(path: Path) -> pd.DataFrame:
     if list(texts) != list(kinds) or len(texts) != grid.size:
         raise ValueError('not complete')
     known = texts.astype(object).where(texts.notna(), None)
-    read = {name: known[name].map(_READ[kind], na_action='ignore') for name, kind in kinds.items()}
-    series = {name: _series(kind, read[name]) for name, kind in kinds.items()}
-    table = _describe(pd.DataFrame(series), grid)
+    read = {
+        name: known[name].map(_READ[kind], na_action='ignore').tolist()
+        for name, kind in kinds.items()
+    }
+    table = Columns(grid, read).frame()
     # A motion without stops has an empty text, which CSV does not distinguish from a missing one.
     table.loc[table.impacts.eq(0).fillna(False), 'stops'] = ''
     return table

@@ -3,7 +3,6 @@
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
 from rigs import OFF_RESONANCE, TABLE
 
@@ -96,7 +95,7 @@ def test_attractors_are_distinguished_by_their_sections():
         row(7.0, impacts=0, stops='', offset=2.0),
         row(2.0),
     ]
-    assert attractor_numbers(pd.DataFrame(rows)) == [4, 0, 0, 1, 1, None, 2, 2, 3, 3, 0]
+    assert attractor_numbers(rows) == [4, 0, 0, 1, 1, None, 2, 2, 3, 3, 0]
 
 
 def test_optimum_gap_is_that_of_the_theory():
