@@ -55,8 +55,8 @@ from .runaway import MOST_IN_PERIOD
 
 #: What is kept of the samples of some rigs.
 Reduction = Callable[[npt.NDArray[np.void]], npt.NDArray[Any]]
-#: Rigs between two moments at which a run can be interrupted.
-_BLOCK = 64
+#: Most rigs between two moments at which a run can be interrupted, and number of blocks of fewer.
+_BLOCK, _BLOCKS = 64, 8
 #: Parameters that are arrays, or that change the form of the force.
 _SHARED = ('force_', 'multisine_', 'sweep_')
 #: Rows of events, in which the control finds the motion of the stops.
@@ -121,17 +121,18 @@ _CONTROL_NUMBERS = [
 _SPECS = {**PARAMETER_SPECS, **GAP_CONTROL_SPECS}
 
 
+def _of_springs(of: Callable[[float, float], Any], p: Any) -> npt.NDArray[np.float64]:
+    """Return what belongs to spring and dashpot of each rig, once for rigs with the same ones."""
+    springs, which = np.unique([p.stiffness, p.damping], axis=1, return_inverse=True)
+    return np.array([of(*spring) for spring in springs.T.tolist()])[which.ravel()]
+
+
 def _forces(parameters: RigParameters, p: Any, count: int) -> list[Any]:
     """Return amplitudes, frequencies and phases of the harmonics of each rig."""
     groups = [
         [np.tile(values, (count, 1)) for values in group]
         if name != 'base'
-        else [
-            np.array(values)
-            for values in zip(
-                *map(parameters.base_motion.force, p.stiffness, p.damping), strict=True
-            )
-        ]
+        else _of_springs(parameters.base_motion.force, p).swapaxes(0, 1)
         for name, group in parameters.harmonic_groups.items()
     ]
     return [np.concatenate(parts, axis=1) for parts in zip(*groups, strict=True)]
@@ -159,9 +160,9 @@ def _constants(parameters: RigParameters, p: Any, count: int) -> tuple[Any, Any]
         **rig_fields(p, sine, cosine, sum(map(abs, force[0].T)), base),
     )
     if base.stop:
-        columns = map(parameters.base_motion.columns, p.stiffness, p.damping)
-        for row, (sines, cosines) in zip(lines, columns, strict=False):
-            row['base_sine'][base], row['base_cosine'][base] = sines, cosines
+        columns = _of_springs(parameters.base_motion.columns, p)
+        for k, name in enumerate(('base_sine', 'base_cosine')):
+            lines[name][:count, base] = columns[:, k]
     return constants, np.concatenate([lines[:count], lines[count:]], axis=1)
 
 
@@ -374,9 +375,10 @@ def _run_all(
     """Let all rigs run, block by block, in threads."""
     constants, lines, runs, waves = arrays
     outcomes, in_mode = np.zeros(len(runs), np.int64), np.zeros((len(runs), len(Mode)))
+    size = min(_BLOCK, 1 + len(runs) // _BLOCKS)
 
     def run_block(first: int) -> npt.NDArray[Any]:
-        rows = slice(first, first + _BLOCK)
+        rows = slice(first, first + size)
         samples = np.full((len(outcomes[rows]), len(when), len(Sample._fields)), np.nan)
         run_compiled(
             (constants[rows], lines[rows], runs[rows]),
@@ -393,7 +395,7 @@ def _run_all(
         states = samples.view(SAMPLE_TYPE).reshape(samples.shape[:2])
         return states if reduce is None else reduce(states)
 
-    kept = on_threads(run_block, range(0, len(runs), _BLOCK), threads)
+    kept = on_threads(run_block, range(0, len(runs), size), threads)
     energies = np.zeros((len(runs), 2))
     if controls is not None:
         actuators: Any = controls.actuators
