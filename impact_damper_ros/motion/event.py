@@ -58,7 +58,7 @@ class EventKind(IntEnum):
 
 #: The kinds as numbers, for the kernels.
 IMPACT, REST_EVENT, STICK_EVENT, RELEASE_EVENT, REVERSAL_EVENT, *_others = map(int, EventKind)
-STOP_ARRIVED, CROSSING, STOP_TOUCHED, _, STOP_STARTED, _ = _others
+STOP_ARRIVED, CROSSING, STOP_TOUCHED, _, STOP_STARTED, FORCE_STEP = _others
 
 
 class Event(NamedTuple):

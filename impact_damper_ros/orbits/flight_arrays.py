@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from impact_damper_ros.motion.event import EVENT_TYPE, EventKind
 from impact_damper_ros.motion.kernels import call_kernel
-from impact_damper_ros.motion.state import STICK
 from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import RigParameters
@@ -32,10 +31,7 @@ from impact_damper_ros.rig.runaway import RunawayError
 from .flight_integrals import (
     EQUATION_COLUMNS,
     EQUATION_SLIDE,
-    FLIGHT_ACTIVE,
-    FLIGHT_BEGIN,
     FLIGHT_COLUMNS,
-    FLIGHT_LINE,
     NO_POINTS,
     NO_SERIES,
     SUM_BASE,
@@ -43,10 +39,12 @@ from .flight_integrals import (
     SUM_LARGEST,
     Integrals,
     integrate_flights,
-    write_flight_equations,
+    trace_flights,
+    write_flights,
 )
 from .flights import machine_of, packed_constants
 from .response import Array, forced_response, unit_response
+from .transmissibility import Moments
 
 Mask = NDArray[np.bool_]
 
@@ -54,15 +52,6 @@ Mask = NDArray[np.bool_]
 STATE = 0
 #: Direction in which the air drives m, by the stop hit last.
 _AWAY: Array = np.array([0.0, -1.0, 1.0])
-
-
-def _mask_of(*kinds: EventKind) -> Mask:
-    """Return a mask over the kinds of rows."""
-    return np.isin(np.arange(max(EventKind) + 1), kinds)
-
-
-_JOINING = _mask_of(EventKind.REST, EventKind.STICK)
-_DECIDING = _mask_of(EventKind.IMPACT, EventKind.RELEASE, EventKind.REVERSAL)
 
 
 def rows_of_samples(samples: NDArray[np.void]) -> Events:
@@ -74,37 +63,6 @@ def rows_of_samples(samples: NDArray[np.void]) -> Events:
         rows[f'primary_velocity_{side}'] = samples['primary_velocity']
         rows[f'damper_velocity_{side}'] = samples['damper_velocity']
     return rows
-
-
-def _last_known(known: Mask, values: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for each row the value of the last known one up to it; the first one is known."""
-    latest = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
-    last: NDArray[np.int64] = values[latest]
-    return last
-
-
-def _together(rows: Events) -> Mask:
-    """
-    Return whether M and m move as one after each row.
-
-    The last bounces of a chatter, which are not resolved, count as rest. An unknown mode after an
-    event is negative.
-    """
-    kind, mode = rows['kind'], rows['mode']
-    known = (kind > 0) & (mode >= 0)
-    joined = (_JOINING[kind] & ~known) | (mode >= STICK)
-    decided = joined | known | _DECIDING[kind]
-    decided[0] = True
-    together: Mask = _last_known(decided, joined.astype(np.int64)) == 1
-    if known[kind > 0].all():
-        return together
-    rests = np.where(kind == EventKind.REST, 1, 0)
-    # The next row that decides is a rest.
-    ends = np.append(rests[1:], 0), np.append(decided[1:], True)
-    coming = _last_known(*(part[::-1] for part in ends[::-1]))[::-1] == 1
-    latest = _last_known(decided, np.where(known, 0, kind).astype(np.int64))
-    chatter: Mask = together | (coming & (latest == EventKind.IMPACT))
-    return chatter
 
 
 class Drive(NamedTuple):
@@ -190,9 +148,10 @@ class Flights:
         the active force, N. `steps` are the first harmonics, as rows of `first`, before and after
         each of the frequency steps among the rows.
         """
-        stops = np.where(rows['kind'] == EventKind.IMPACT, rows['stop'], 0)
-        stops[0] = rows['stop'][0]
-        stop = _last_known(stops > 0, stops)
+        count = len(rows)
+        together, stop = np.empty(count, np.bool_), np.empty(count, np.int64)
+        force = np.full(count, active)
+        call_kernel(trace_flights, rows, together, stop, force)
         first: Array = np.broadcast_to(rig.first_harmonic, (len(rows), 3))
         angle = np.full(len(rows), np.nan)
         if drive is not None:
@@ -204,11 +163,7 @@ class Flights:
                 angle = drive.angles[0] + np.cumsum(rates * spans)
             else:
                 angle = drive.angles[0] + drive.frequencies[0] * (rows['time'] - drive.time)
-        pushed, force = rows['kind'] == EventKind.FORCE_STEP, np.full(len(rows), active)
-        if pushed.any():
-            latest = _last_known(pushed, np.arange(len(rows)))
-            force = np.where(np.cumsum(pushed) > 0, rows['impulse'][latest], active)
-        return cls(rig, rows, drive, _together(rows), stop, first, angle, force)
+        return cls(rig, rows, drive, together, stop, first, angle, force)
 
     @classmethod
     def join(cls, parts: Sequence[Flights]) -> Flights:
@@ -253,18 +208,26 @@ class Flights:
         return np.diff(self.rows['time'])
 
     @cached_property
+    def _written(self) -> tuple[Array, Array]:
+        equations, columns = (
+            np.empty((len(self), count)) for count in (EQUATION_COLUMNS, FLIGHT_COLUMNS)
+        )
+        call_kernel(
+            *(write_flights, self.rows, self.together, self.stop, self.active),
+            *(np.array(self.first), self.angle, 0.0 if self.drive is None else self.drive.time),
+            *(packed_constants(self.rig), equations, columns),
+        )
+        return equations, columns
+
+    @property
     def equations(self) -> Array:
         """The equations of motion without the active force, by `EQUATION_` columns."""
-        equations = np.empty((len(self), EQUATION_COLUMNS))
-        call_kernel(
-            write_flight_equations,
-            self.rows,
-            self.together,
-            self.stop,
-            packed_constants(self.rig),
-            equations,
-        )
-        return equations
+        return self._written[0]
+
+    @property
+    def columns(self) -> Array:
+        """Columns of the flights for kernels, beside the equations, where the force is known."""
+        return self._written[1]
 
     def drive_after(self) -> Drive | None:
         """Return the force at the last row."""
@@ -380,17 +343,6 @@ class Flights:
         columns = (inside.together, inside.stop, inside.first, angle, inside.active)
         return Flights(self.rig, rows, self.drive, *columns)
 
-    @cached_property
-    def columns(self) -> Array:
-        """Columns of the flights for kernels, beside the equations of motion."""
-        assert self.drive is not None
-        columns = np.empty((len(self), FLIGHT_COLUMNS))
-        columns[:, FLIGHT_ACTIVE] = self.active[:-1]
-        columns[:, FLIGHT_BEGIN] = self.starts - self.drive.time
-        columns[:, FLIGHT_LINE : FLIGHT_LINE + 2] = self.first[:-1, :2]
-        columns[:, FLIGHT_LINE + 2] = np.remainder(self.angle[:-1], math.tau) + self.first[:-1, 2]
-        return columns
-
     @property
     def lines(self) -> Array:
         """The harmonics, with the angles that they have turned at the force's time 0."""
@@ -399,6 +351,28 @@ class Flights:
         turned, of_base = np.add(phases, self.drive.angles), np.zeros(len(sizes))
         of_base[self.rig.base_rows] = 1.0
         return np.column_stack([sizes, self.drive.frequencies, turned, of_base])
+
+    @cached_property
+    def _sums(self) -> list[float]:
+        """Sums over the flights, in the order of `SUM_TIME` and so on."""
+        rows, rig = self.rows, self.rig
+        sums = np.zeros(SUM_LARGEST + 1)
+        sums[SUM_LARGEST] = np.abs(rows['x']).max(initial=0.0) if len(rows) else math.nan
+        if self.drive is not None:
+            rates = [rig.omega, *rig.harmonics[1]]
+            fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
+            arrays = rows, self.equations, self.columns, self.lines, NO_POINTS.copy()
+            numbers = fastest, rig.stiffness, rig.damping, rig.base_motion.moves
+            call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
+        else:
+            sums[SUM_FORCE:SUM_BASE] = math.nan
+        found: list[float] = sums.tolist()
+        return found
+
+    def moments(self) -> tuple[Moments, float]:
+        """Return the sums of which mean squares are made, and the largest |X|, as `integrals`."""
+        sums = self._sums
+        return Moments(*sums[:SUM_FORCE], *sums[SUM_BASE:SUM_LARGEST]), sums[SUM_LARGEST]
 
     def integrals(self) -> tuple[Integrals, float]:
         """
@@ -413,17 +387,7 @@ class Flights:
         """
         rows, rig = self.rows, self.rig
         shaken = rig.base_motion.moves
-        sums = np.zeros(SUM_LARGEST + 1)
-        sums[SUM_LARGEST] = np.abs(rows['x']).max(initial=0.0) if len(rows) else math.nan
-        if self.drive is not None:
-            rates = [rig.omega, *rig.harmonics[1]]
-            fastest = max(rates + ([rig.sweep_high] if rig.sweep_mode != 'off' else []))
-            arrays = rows, self.equations, self.columns, self.lines, NO_POINTS.copy()
-            numbers = fastest, rig.stiffness, rig.damping, shaken
-            call_kernel(integrate_flights, *arrays, *numbers, NO_SERIES.copy(), sums)
-        else:
-            sums[SUM_FORCE:SUM_BASE] = math.nan
-        covered, total, squares, force, active, dashpot, *based, largest = sums.tolist()
+        covered, total, squares, force, active, dashpot, *based, largest = self._sums
         if shaken and self.drive is not None and len(self):
             force += float(np.diff(self._spring_energy())[0])
         rise = np.diff(rows['y'])

@@ -16,13 +16,16 @@ import numpy as np
 
 from impact_damper_ros.motion.event import (
     CROSSING,
+    FORCE_STEP,
     IMPACT,
+    RELEASE_EVENT,
     REST_EVENT,
     REVERSAL_EVENT,
+    STICK_EVENT,
     STOP_ARRIVED,
 )
 from impact_damper_ros.motion.kernels import kernel
-from impact_damper_ros.motion.state import CHATTER_1, RigConstants
+from impact_damper_ros.motion.state import CHATTER_1, STICK, RigConstants
 
 from .response import Array
 from .transmissibility import Moments, Transmissibility
@@ -38,6 +41,8 @@ AT_X, AT_SLOPE, AT_FORCE, AT_PLACE, AT_WEIGHT = range(0, _NUMBERS_AT * _GAUSS, _
 #: To be written, but for places and weights.
 NO_POINTS: Array = np.zeros(_NUMBERS_AT * _GAUSS)
 NO_POINTS[AT_PLACE:] = [*0.5 * (_NODES + 1.0), *0.5 * _WEIGHTS]
+#: Angle of a cycle, rad.
+_WHOLE_TURN = 6.283185307179586
 #: A turning point is sought next to points above this share of the largest |X|, in this number of
 #: steps.
 _NEAR_LARGEST, _NEWTON_STEPS = 0.98, 6
@@ -108,18 +113,66 @@ class Integrals(NamedTuple):
 
 
 @kernel
-def write_flight_equations(
-    rows: Any, together: Any, stops: Any, constants: RigConstants, equations: Any
+def trace_flights(rows: Any, together: Any, stops: Any, force: Any) -> int:
+    """
+    Write whether M and m move as one, the stop hit last and the active force (N) after each row.
+
+    The force after the first row is given; the stop hit last and the mode there are in the row.
+    The last bounces of a chatter, which are not resolved, count as rest. An unknown mode after an
+    event is negative.
+    """
+    joint = False
+    # The last row that decides, and whether it is an impact after which the mode is unknown
+    latest = 0
+    doubtful = False
+    for k in range(len(rows)):
+        kind = rows['kind'][k]
+        mode = rows['mode'][k]
+        known = kind > 0 and mode >= 0
+        joins = mode >= STICK or (not known and kind in (REST_EVENT, STICK_EVENT))
+        if k > 0:
+            stops[k] = rows['stop'][k] if kind == IMPACT else stops[k - 1]
+            force[k] = rows['impulse'][k] if kind == FORCE_STEP else force[k - 1]
+        else:
+            stops[k] = rows['stop'][k]
+        if k == 0 or known or joins or kind in (IMPACT, RELEASE_EVENT, REVERSAL_EVENT):
+            if doubtful and kind == REST_EVENT:
+                for i in range(latest, k):
+                    together[i] = True
+            latest = k
+            joint = joins
+            doubtful = kind == IMPACT and not known
+        together[k] = joint
+    return len(rows)
+
+
+@kernel
+def write_flights(
+    rows: Any,
+    together: Any,
+    stops: Any,
+    force: Any,
+    first: Any,
+    angle: Any,
+    start: float,
+    constants: RigConstants,
+    equations: Any,
+    flights: Any,
 ) -> int:
     """
-    Write the equations of motion of the flights between rows; return their number.
+    Write equations of motion and columns of the flights between rows; return their number.
 
-    Given are also whether M and m move as one, and the stop hit last, from each row on. The active
-    force is no part of them.
+    Given are what `trace_flights` writes, the first harmonic and its angle after each row, and the
+    time from which all harmonics count, s. The active force is no part of the equations.
     """
     share = constants.share
     mass = constants.damper_mass / constants.mass_ratio
     for k in range(len(equations)):
+        flights[k, FLIGHT_ACTIVE] = force[k]
+        flights[k, FLIGHT_BEGIN] = rows['time'][k] - start
+        flights[k, FLIGHT_LINE] = first[k, 0]
+        flights[k, FLIGHT_LINE + 1] = first[k, 1]
+        flights[k, FLIGHT_LINE + 2] = angle[k] % _WHOLE_TURN + first[k, 2]
         if together[k]:
             equations[k, EQUATION_DECAY] = constants.joint.decay
             equations[k, EQUATION_DAMPED] = constants.joint.frequency

@@ -222,7 +222,7 @@ class SettledMotion:
     def x_max(self) -> float:
         """Largest |X|, m, exact: over the last period, or over all cycles watched."""
         span = math.inf if self.period is None else self.period.cycles * self.cycle
-        return self.flights.cut(self.end - span, self.end).integrals()[1]
+        return self.flights.cut(self.end - span, self.end).moments()[1]
 
     @cached_property
     def orbit(self) -> PeriodicOrbit | None:
@@ -332,7 +332,7 @@ class _SettlingRig:
         if size < _SMALL * self._static:
             # M may pass zero at the ends of all cycles.
             flights = begin.flights(self.parameters, result.events, self.last)
-            size += flights.cut(self.time, math.inf).integrals()[1]
+            size += flights.cut(self.time, math.inf).moments()[1]
         # A rig without force has settled once its start has decayed.
         self._size = size if self.forced else max(size, self._size)
         if self._controlled:

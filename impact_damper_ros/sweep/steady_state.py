@@ -117,9 +117,9 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
     result = _run(rig, found.end, cycle, np.arange(1.0, cycles + 1.0), most)
     parameters = rig.parameters
     flights = begin.flights(parameters, result.events, rows_of_samples(result.samples[-1:]))
-    integrals, largest = flights.integrals()
+    moments, largest = flights.moments()
     alone = Transmissibility.without_damper(parameters)
-    shaken = integrals.transmissibility.by_name() | alone.by_name('_without_damper')
+    shaken = Transmissibility.of_moments(moments).by_name() | alone.by_name('_without_damper')
     end = found.end + cycles * cycle
     # The events before and after the period complete a chatter that is cut at either end.
     after = _run(rig, end, cycle, np.array([1.0]), most - result.event_count)
@@ -147,8 +147,8 @@ def _measure(rig: Rig, found: SettledMotion, settling: Settling) -> Row:
         'stops': _sequence(result.events) if period else None,
         'x_max': largest,
         'x_max_ratio': ratio,
-        'x_rms': integrals.x_rms,
-        'x_mean': integrals.total / integrals.covered,
+        'x_rms': math.sqrt(moments.x_squares / moments.weight),
+        'x_mean': moments.x / moments.weight,
         **shaken,
         'impacts_per_cycle': len(impacts) / cycles,
         'lyapunov_exponent': found.exponent.value,
