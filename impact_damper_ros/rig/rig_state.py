@@ -82,8 +82,9 @@ class RigState:
         for record in records:
             check_kind('records', record, MeasuredRecord, 'a sequence of MeasuredRecord')
         self._law = own_law_of(law)
-        default = GapControlParameters(gap_control='off' if law is None else 'timed')
-        self._gap_control = control or default
+        self._gap_control = control or GapControlParameters(
+            gap_control='off' if law is None else 'timed'
+        )
         check_kind('control', self._gap_control, GapControlParameters, 'GapControlParameters')
         self._parameters = parameters
         self.compiled = self._may_compile() if compiled is None else compiled
@@ -277,6 +278,8 @@ class RigState:
 
     def _reason_of(self, outcome: Outcome, happened: int = 0, since: float = 0.0) -> str:
         """Return why a run ended with an outcome."""
+        if outcome is Outcome.COMPLETE:
+            return ''
         run, mode = self._run, self.mode.name.lower().replace('_', ' ')
         if outcome is Outcome.RUNAWAY:
             happened, since = run.in_period, run.counted_from

@@ -69,9 +69,7 @@ class Outcome(IntEnum):
     RUNAWAY = RUNAWAY
 
     def reason(self, happened: int, since: float, time: float, mode: str) -> str:
-        """Return why a run ended before its time, and the remedy; empty if it did not."""
-        if self is Outcome.COMPLETE:
-            return ''
+        """Return why a run ended before its time, and the remedy."""
         if self is Outcome.TOO_MANY_EVENTS:
             return (
                 f'{happened} events from {since!r} s to {time!r} s, the last of them in mode '
