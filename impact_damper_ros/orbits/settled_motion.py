@@ -316,6 +316,10 @@ class _SettlingRig:
         rig = self.rig
         # Angles are counted from the start of the run.
         begin = FlightStart.of(rig)._replace(drive=self.begin.drive)
+        if self.parts:
+            before = self.parts[-1].events
+            hits = before['time'][before['kind'] == EventKind.IMPACT]
+            self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
         # One rounding, so that the steps do not drift
         counts = self.cycles + np.arange(cycles)[:, None] + np.array([self._quiet, 1.0])
         instants = self.start + counts.ravel() * self.cycle
@@ -342,8 +346,6 @@ class _SettlingRig:
             section = np.concatenate([section, np.stack(places, axis=-1)], axis=-1)
         self._section = np.concatenate([self._section, section])
         self.parts.append(_Part(begin, result.events, quiet))
-        hits = result.impacts()['time']
-        self._quiet = _kept_quiet((hits - self.start) / self.cycle, self._quiet)
         self.cycles += cycles
         oldest = self.start + (self.cycles - self._watch) * self.cycle
         while len(self.parts) > 1 and self.parts[1].begin.row['time'][0] <= oldest:
