@@ -212,9 +212,10 @@ class Flights:
         equations, columns = (
             np.empty((len(self), count)) for count in (EQUATION_COLUMNS, FLIGHT_COLUMNS)
         )
+        start = 0.0 if self.drive is None else float(self.drive.time)
         call_kernel(
             *(write_flights, self.rows, self.together, self.stop, self.active),
-            *(np.array(self.first), self.angle, 0.0 if self.drive is None else self.drive.time),
+            *(np.array(self.first, order='C'), self.angle, start),
             *(packed_constants(self.rig), equations, columns),
         )
         return equations, columns
