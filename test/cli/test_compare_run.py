@@ -264,15 +264,6 @@ def test_numbers_that_are_none_and_stamps_going_back(messages, tmp_path):
     assert (result['log']['differences'], verdicts(result)[:2]) == (4, ['agrees', 'agrees'])
 
 
-def test_a_bag_without_a_snapshot(tmp_path, capsys):
-    rig = RecordedRig(BENCH).start().run(40)
-    plain = [m for m in rig.messages if m[0] != '/snapshot']
-    assert run(samples.record(tmp_path / 'bag', plain), tmp_path) == (2, None)
-    error = capsys.readouterr().err
-    assert 'no message of a snapshot' in error
-    assert 'record the topic snapshot too' in error
-
-
 def test_a_finding_is_in_the_stretch_of_its_instant(tmp_path):
     """An impact in the tick of a change is of the stretch before, the change of the one after."""
     rig = RecordedRig().start()
@@ -320,18 +311,6 @@ def test_paused_runs_are_not_cut(tmp_path):
         'gap = 0.02 m (was 0.024 m), friction = 0 (was 0.02)'
     )
     assert (result['end'], result['samples']) == (7.5, 1501)
-
-
-def test_a_report(tmp_path, capsys):
-    pytest.importorskip('matplotlib')
-    bag = RecordedRig(BENCH).start().run(4000).save(tmp_path / 'bag')
-    assert main([str(bag), '--report', str(tmp_path / 'report')]) == 0
-    assert 'report.html' in capsys.readouterr().out
-    page = (tmp_path / 'report' / 'report.html').read_text()
-    assert page.count('<svg') >= 6
-    assert 'Largest |X| over the gap, stretch 1' in page
-    numbers = json.loads((tmp_path / 'report' / 'report.json').read_text())
-    assert verdicts(numbers) == ['agrees']
 
 
 @pytest.mark.filterwarnings('error')

@@ -40,12 +40,12 @@ FOREIGN = {
 #: Less of the same, so that it does not take minutes: what is replaced, by what.
 LESS = (
     ('--duration 3600', '--duration 20'),
-    ('--duration 400', '--duration 16 --psd-lines 20'),
+    ('--duration 400', '--duration 8 --psd-lines 10'),
     ('--duration 60 --states', '--duration 6 --states'),
-    ('--duration 60 --set force_amplitudes=[0]', '--duration 10 --set force_amplitudes=[0]'),
+    ('--duration 60 --set force_amplitudes=[0]', '--duration 4 --set force_amplitudes=[0]'),
     ('--duration 60 --bag runs/changed --change 20', '--duration 9 --bag runs/changed --change 3'),
     ('--change 40:gap_control', '--change 6:gap_control'),
-    ('--duration 500', '--duration 50'),
+    ('--duration 500', '--duration 20'),
     ('multisine_lines=128', 'multisine_lines=16'),
     ('=0.4:1.2:33', '=0.4:1.2:2'),
     ('--cycles 300 --watch 100', '--cycles 60 --watch 21'),

@@ -153,17 +153,6 @@ def test_what_ifs_of_the_recorded_values_and_of_a_base_in_millimetres(bag, tmp_p
     assert (code, held) == (0, [[0.0005], 'displacement'])
 
 
-def test_bags_and_settings_that_cannot_be_used(bag, tmp_path, capsys):
-    assert run(tmp_path / 'absent', tmp_path) == (2, None)
-    assert 'no such file' in capsys.readouterr().err
-    for setting, message in (
-        ('gap=-1', 'gap is -1.0 m: give a number'),
-        ('force_frequencies=[1,2]', 'has 2 entries'),
-    ):
-        assert run(bag, tmp_path, '--set', setting) == (2, None)
-        assert message in capsys.readouterr().err
-
-
 def test_a_bag_with_a_gap_is_compared_in_part(messages, tmp_path):
     kept = [m for m in messages if not 10**9 < m[2] - samples.START < 1.1e9]
     code, result = run(samples.record(tmp_path / 'gap', kept, custom=NOTES), tmp_path)
