@@ -158,6 +158,5 @@ def test_skyhook_damping(tmp_path):
     assert math.sqrt(2.0) * rms(samples['x'][late]) == pytest.approx(response, rel=5e-3)
 
 
-def test_the_specification(tmp_path, monkeypatch):
-    monkeypatch.setattr(specification, 'SECONDS', 4.0)
+def test_the_specification(tmp_path):
     specification.test_the_gap_follows_the_amplitude(tmp_path)
