@@ -13,12 +13,11 @@ import argparse
 import sys
 import time
 from math import inf
-from types import FunctionType
 
 import numpy as np
 
 from impact_damper_ros.motion.flight import begin_flight
-from impact_damper_ros.motion.kernels import compiled_namespace, has_numba
+from impact_damper_ros.motion.kernels import compiled_kernel, has_numba, kernel
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import Line, Oscillator, oscillators
 from impact_damper_ros.motion.records import rows_of
@@ -89,6 +88,7 @@ def flights_of(cases: FlightCases):
     return rigs, lines, runs, waves
 
 
+@kernel
 def find_all(rigs, lines, runs, waves, horizons):
     """Find the first event of each flight."""
     for i in range(len(runs)):
@@ -97,14 +97,9 @@ def find_all(rigs, lines, runs, waves, horizons):
         next_event(moving, horizons[i])
 
 
-def compiled_find_all():
-    """Return `find_all` with compiled kernels."""
-    import numba
-
-    kernels = compiled_namespace()
-    names = {name: kernels[name] for name in ('begin_flight', 'next_event')}
-    twin = FunctionType(find_all.__code__, {**names, 'Moving': Moving})
-    return numba.njit(twin, error_model='numpy', _nrt=False)
+def compiled_find_all(*flights):
+    """Find the first event of each flight by the compiled kernels."""
+    compiled_kernel('find_all', flights)(*flights)
 
 
 def plain(rigs, lines, runs, waves):
@@ -152,7 +147,7 @@ def main() -> int:
     find = plain_find_all
     if not options.plain:
         if has_numba():
-            find = compiled_find_all()
+            find = compiled_find_all
         else:
             print('numba is not installed: plain kernels', file=sys.stderr)
     done = dict.fromkeys(GENERATORS, 0)
