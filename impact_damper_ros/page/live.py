@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -59,6 +60,10 @@ _MEASURED = {
     'x_max_ratio': 'Largest X / A',
 }
 _TRIGGERS = ('reset', 'step', 'step_to_impact')
+#: Most changes that a page which comes later is told of.
+_MOST_CHANGES = 60
+#: Time within which changes of the same parameters are one, s.
+_ONE_TURN_S = 1.0
 #: Time after a change within which its theory is looked for between ticks, s.
 _THEORY_S = 0.3
 
@@ -88,6 +93,8 @@ class LiveRig(Source):
         self._run, self._foreign = '', ''
         #: Present values of known parameters
         self.values: dict[str, Any] = {}
+        # What was done to the rig lately
+        self._changes = deque[dict[str, Any]](maxlen=_MOST_CHANGES)
         self.motion = MotionHistory(_MOST_SAMPLES, _MOST_IMPACTS)
         self._readers = {
             'joint_states': JointStateRows(JOINTS, (7, 7, 0)),
@@ -119,6 +126,7 @@ class LiveRig(Source):
             'rig': self.link.name,
             'parameters': knobs_of(self.values) if self._all_known else [],
             'preset': preset_with(self.values) if self._all_known else '',
+            'changes': list(self._changes),
         }
 
     def news(self) -> list[dict[str, Any]]:
@@ -239,6 +247,19 @@ class LiveRig(Source):
         self.values |= plain
         if change is not None:
             self.send({'type': 'parameters', **change})
+            if time_ is not None:
+                self._keep(change)
+
+    def _keep(self, change: dict[str, Any]) -> None:
+        """Keep a change for pages that come later; a knob that is dragged is turned once."""
+        last = self._changes[-1] if self._changes else None
+        if (
+            last is not None
+            and (last['kind'], last['values'].keys()) == (change['kind'], change['values'].keys())
+            and change['time'] < last['time'] + _ONE_TURN_S
+        ):
+            self._changes.pop()
+        self._changes.append(change)
 
     def _tables(self, topic: str, contents: list[bytes]) -> Iterable[tuple[Stretch, Messages]]:
         """Return messages of a topic by stretch."""

@@ -140,7 +140,8 @@ class Page:
             document.querySelector('#curtain')?.textContent,
             document.querySelector('#toast')?.textContent,
             globalThis.impactDamper?.store.frames,
-            globalThis.impactDamper?.history.impacts.length]""")
+            globalThis.impactDamper?.history.impacts.length,
+            globalThis.impactDamper?.history.changes.map(({ text, time }) => [text, time])]""")
         return f'page: {state}; console: {self.console}'
 
     def click(self, selector):

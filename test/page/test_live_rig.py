@@ -96,6 +96,16 @@ async def test_changes_without_end_are_forgotten():
         live.tick()
     # Of the last ten seconds, within which messages may come late
     assert len(live._stretches) == pytest.approx(101, abs=2)
+    # For a page that comes later it is one turn of a knob
+    (turned,) = live.hello()['changes']
+    assert turned['values'] == {'gap': 209.0}
+    link.run(2.0)
+    link.change(gap=3.0, friction=0.1)
+    live.tick()
+    assert [sorted(one['values']) for one in live.hello()['changes']] == [
+        ['gap'],
+        ['friction', 'gap'],
+    ]
     await left(live)
 
 
