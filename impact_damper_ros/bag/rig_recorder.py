@@ -10,14 +10,20 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import count, takewhile
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impact_damper_ros.bag.robot_description import robot_description
-from impact_damper_ros.motion.event import Event, EventKind
+from impact_damper_ros.control.act import ControlAct
+from impact_damper_ros.motion.event import Event, Sample
 from impact_damper_ros.outputs import write_text
 from impact_damper_ros.parameters.parameter_spec import number_between
 from impact_damper_ros.parameters.rig_parameters import INITIAL_SPECS
@@ -58,9 +64,12 @@ def write_description(directory: Path, text: str) -> None:
         write_text(directory / 'rig.urdf', text)
 
 
+_time_of = attrgetter('time')
+
+
 class RigRecorder(Observer):
     """
-    Records a rig tick by tick, on whole nanoseconds as the node does.
+    Records a rig at ticks, on whole nanoseconds as the node does.
 
     Parameters
     ----------
@@ -78,6 +87,12 @@ class RigRecorder(Observer):
         Rig time at which the rig is, ns.
     max_size, max_duration : int and float, optional
         Limits to a file of the bag; see `RunWriter`.
+
+    Attributes
+    ----------
+    hold : float
+        Instant from which on ticks are not recorded yet, s: what is done to the rig there is
+        recorded first.
 
     Raises
     ------
@@ -103,6 +118,7 @@ class RigRecorder(Observer):
         rate = number_between('rate', rate, *RATES)
         if duration != math.inf:
             duration = number_between('duration', duration, 0.0, LATEST)
+        self.hold = math.inf
         self._rig = rig
         self._grid = TickGrid(rate)
         self._node = node
@@ -133,7 +149,8 @@ class RigRecorder(Observer):
         write_description(self._writer.directory, self._description)
         self._snapshot('start', start_ns)
         if self._grid.instant(self._due) == start_ns:
-            self._tick()
+            self._tick(rig.sample())
+            self.look_at(rig.time)
 
     def _begin_file(self, time_ns: int) -> None:
         """Record everything that a reader needs who has this file alone."""
@@ -157,47 +174,46 @@ class RigRecorder(Observer):
     def _write(self, key: str, content: bytes, stamp_ns: int) -> None:
         self._writer.write(self._names[key], content, stamp_ns)
 
-    def _tick(self) -> None:
-        """Record the joint states of the tick that is due, at which the rig is."""
+    def _tick(self, sample: Sample) -> None:
+        """Record the joint states of the tick that is due."""
         time_ns = self._grid.instant(self._due)
         rig = self._rig.parameters
-        sample, deflection = self._rig.sample(), rig.static_deflection
-        content = self._messages.states(time_ns, sample, deflection, rig.angle)
+        content = self._messages.states(time_ns, sample, rig.static_deflection, rig.angle)
         self._write('joint_states', content, time_ns)
         self._due += 1
         self._wait()
-        # A file begins after a tick that is not the last one.
-        if self._due <= self._last and self._writer.split_due(time_ns):
-            if self._writer.split(time_ns):
-                self._begin_file(time_ns)
-            while self._writer.splitting:
-                time.sleep(_NAP / 10)
 
     def _wait(self) -> None:
         """Wait for the disk if many messages are waiting for it."""
         while self._writer.backlog > _BACKLOG and self._writer.error is None:
             time.sleep(_NAP)
 
-    @property
-    def due(self) -> float:
-        """Rig time of the next tick, s; infinity after the last one."""
-        return self._grid.instant(self._due) / 1e9 if self._due <= self._last else math.inf
+    def instants(self) -> Iterator[float]:
+        """Yield the instants of the ticks to come, s."""
+        ticks = takewhile(lambda tick: tick <= self._last, count(self._due))
+        instants = (self._grid.instant(tick) / 1e9 for tick in ticks)
+        return takewhile(lambda instant: instant < self.hold, instants)
 
     def ticks(self) -> Iterator[float]:
-        """Yield the instants of the ticks to come, s; the rig must stop at each."""
-        ticks = takewhile(lambda tick: tick <= self._last, count(self._due))
-        return (self._grid.instant(tick) / 1e9 for tick in ticks)
+        """Yield the ticks if a file of the bag may end at each: it ends with a snapshot."""
+        return self.instants() if self._writer.splits else iter(())
 
     def look_at(self, instant: float) -> None:
-        """Record the joint states if a tick is due at the instant, s, that the rig has reached."""
-        if instant == self.due:
-            self._tick()
+        """Begin a new file after a tick, which is not the last one, if it is time for one."""
+        time_ns = self._grid.instant(self._due - 1)
+        if instant != time_ns / 1e9 or self._due > self._last:
+            return
+        if self._writer.split_due(time_ns):
+            if self._writer.split(time_ns):
+                self._begin_file(time_ns)
+            while self._writer.splitting:
+                time.sleep(_NAP / 10)
 
     def take_change(
-        self, time_ns: int, values: Mapping[str, Any], events: Iterable[Event]
+        self, time_ns: int, values: Mapping[str, Any], events: Sequence[Event]
     ) -> None:
         """
-        Record a change of parameters, after the rig was changed and before `look_at`.
+        Record a change of parameters, after the rig was changed.
 
         Parameters
         ----------
@@ -205,7 +221,7 @@ class RigRecorder(Observer):
             The instant that the rig has reached.
         values : mapping
             The new values by name.
-        events : iterable of Event
+        events : sequence of Event
             Immediate effects of the change.
         """
         if self._due > self._last:
@@ -217,7 +233,7 @@ class RigRecorder(Observer):
         self._describe(time_ns)
         self._snapshot('change', time_ns)
 
-    def reset(self, time_ns: int, initial: Mapping[str, Any], events: Iterable[Event]) -> None:
+    def reset(self, time_ns: int, initial: Mapping[str, Any], events: Sequence[Event]) -> None:
         """Record a reset to initial conditions as `take_change` records a change."""
         if self._due > self._last:
             return
@@ -225,7 +241,7 @@ class RigRecorder(Observer):
         self.take_events(events)
         self._snapshot('reset', time_ns)
 
-    def take_events(self, events: Iterable[Event]) -> None:
+    def take_events(self, events: Sequence[Event]) -> None:
         """
         Record the impacts and the acts of the gap control of the rig's last call.
 
@@ -236,29 +252,46 @@ class RigRecorder(Observer):
         """
         if self._writer.error is not None:
             raise self._writer.error
-        if self._due > self._last:
-            # A bag ends with a whole tick.
-            return
-        deflection = self._rig.parameters.static_deflection
-        for event in events:
-            if event.kind is EventKind.IMPACT:
-                stamp_ns = round(event.time * 1e9)
-                content = self._messages.impact(stamp_ns, event, deflection)
-                self._write('impacts', content, stamp_ns)
-        for act in self._rig.acts:
-            stamp_ns = round(act.time * 1e9)
-            self._write('gap_control', self._messages.control(stamp_ns, act), stamp_ns)
-        self._wait()
+        self._write_events(events, self._rig.acts)
+
+    def _write_events(self, events: Sequence[Event], acts: Sequence[ControlAct]) -> None:
+        # A bag ends with a whole tick.
+        if self._due <= self._last and (events or acts):
+            deflection = self._rig.parameters.static_deflection
+            for message in self._messages.events(0, events, acts, deflection):
+                self._write(*message)
+            self._wait()
+
+    def take_samples(self, samples: NDArray[np.void]) -> None:
+        """Record joint states."""
+        for row in samples.tolist():
+            self._tick(Sample(*row))
+
+    def take_motion(self, events: Sequence[Event], samples: NDArray[np.void]) -> None:
+        """Record events, acts and joint states as if the rig had stopped at each tick."""
+        if self._writer.error is not None:
+            raise self._writer.error
+        acts, event, act = self._rig.acts, 0, 0
+        for row in samples.tolist():
+            sample = Sample(*row)
+            since = event, act
+            event = bisect_right(events, sample.time, since[0], key=_time_of)
+            act = bisect_right(acts, sample.time, since[1], key=_time_of)
+            self._write_events(events[since[0] : event], acts[since[1] : act])
+            self._tick(sample)
+        self._write_events(events[event:], acts[act:])
 
     def close(self) -> None:
         """
-        Finish the bag.
+        Finish the bag, with the tick that is due now if there is one.
 
         Raises
         ------
         RecordingError
             If it could not be written completely.
         """
+        if self._due <= self._last and self._grid.instant(self._due) / 1e9 == self._rig.time:
+            self._tick(self._rig.sample())
         self._writer.close()
         if self._writer.error is not None:
             raise self._writer.error

@@ -8,7 +8,7 @@ are the same. A new topic is a line in `RIG_TOPICS`, and a layout and a method o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -212,6 +212,24 @@ class RigMessages:
         impulse = event.impulse if event.stop == 1 else -event.impulse
         parts = impact_numbers(event.x, event.y, after, impulse, deflection)
         return self._impacts[event.stop].fill(stamp_ns, *parts)
+
+    def events(
+        self,
+        offset_ns: int,
+        events: Iterable[Event],
+        acts: Iterable[ControlAct],
+        deflection: float,
+    ) -> Iterator[tuple[str, bytes, int]]:
+        """Yield key of the topic, content and stamp of the impacts among events, then of acts."""
+        from impact_damper_ros.motion.event import EventKind
+
+        for event in events:
+            if event.kind is EventKind.IMPACT:
+                stamp_ns = offset_ns + round(event.time * 1e9)
+                yield 'impacts', self.impact(stamp_ns, event, deflection), stamp_ns
+        for act in acts:
+            stamp_ns = offset_ns + round(act.time * 1e9)
+            yield 'gap_control', self.control(stamp_ns, act), stamp_ns
 
     def control(self, stamp_ns: int, act: ControlAct) -> bytes:
         """Return the message of an act of the gap control; see `ControlAct.numbers`."""

@@ -5,15 +5,19 @@ from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impact_damper_ros.compare.random_response import ResponseSamples
 from impact_damper_ros.control.act import Action
 from impact_damper_ros.measured.record import BASE_RECORD
-from impact_damper_ros.motion.event import Event, EventKind, table_of_events
+from impact_damper_ros.motion.event import Event, EventKind, Sample, table_of_events
 from impact_damper_ros.motion.state import Mode
 from impact_damper_ros.motion.swing import Swing
 from impact_damper_ros.orbits.flight_arrays import FlightStart
@@ -44,7 +48,7 @@ class RunSummary(Observer):
         self._rig = rig
         #: Samples for the response to a base of many lines, over their common period.
         self.response = response
-        self._look = cycle_at(rig.parameters) / _LOOKS_PER_CYCLE
+        self._look_period = cycle_at(rig.parameters) / _LOOKS_PER_CYCLE
         self._cycles = min(_WATCHED_CYCLES, duration / cycle_at(rig.parameters))
         self._from = max(0.0, duration - _WATCHED_CYCLES * cycle_at(rig.parameters))
         self._started = time.perf_counter()
@@ -60,8 +64,12 @@ class RunSummary(Observer):
         self._passed: list[Event] = []
 
     def ticks(self) -> Iterator[float]:
-        """Yield the instants at which X is looked at, near the end."""
-        return (self._from + k * self._look for k in count())
+        """Yield the instant from which on the motion is looked at, near the end."""
+        yield self._from
+
+    def instants(self) -> Iterator[float]:
+        """Yield the instants at which X is looked at."""
+        return (self._from + k * self._look_period for k in count())
 
     def take_events(self, events: Sequence[Event]) -> None:
         """Count events and commands."""
@@ -79,16 +87,24 @@ class RunSummary(Observer):
         super().take_change(time_ns, values, events)
         self._begin = None
 
+    def take_samples(self, samples: NDArray[np.void]) -> None:
+        """Look at samples."""
+        for row in samples.tolist():
+            self._look(Sample(*row))
+
+    def _look(self, sample: Sample) -> None:
+        passed = bisect_right(self._since_look, sample.time, key=lambda event: event.time)
+        self._swing.look(sample, self._since_look[:passed])
+        del self._since_look[:passed]
+        self._reach = max(self._reach, abs(sample.z - sample.x))
+
     def look_at(self, instant: float) -> None:
         """Look at the motion."""
         if instant >= self._from:
-            sample = self._rig.sample()
-            self._swing.look(sample, self._since_look)
+            self._look(self._rig.sample())
             moves = self._rig.parameters.base_motion.moves and not self._rig.measured_records
             if self._begin is None and moves:
                 self._begin, self._passed = FlightStart.of(self._rig), []
-            self._reach = max(self._reach, abs(sample.z - sample.x))
-            self._since_look = []
 
     def text(self, *, whole: bool) -> str:
         """Return the summary of a run that is complete, or not."""

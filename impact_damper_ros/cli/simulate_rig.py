@@ -92,8 +92,8 @@ from .shaker_options import (
 STATE_COLUMNS = (*Sample._fields, 'force', 'primary_acceleration')
 EVENT_COLUMNS = ('kind', *Event._fields[:1], *Event._fields[2:-1], 'force_frequency')
 
-# Cycles from which on compiled code is worth the time that its first use takes
-_COMPILED_FROM = 500
+# Cycles, and samples of a bag, from which on compiled code saves more than its loading takes
+_COMPILED_FROM, _SAMPLES_FROM = 500, 3_000
 # Ten days at 1 kHz, about 200 GB
 _MOST_SAMPLES = 1e9
 # Stamps are whole nanoseconds.
@@ -342,10 +342,12 @@ def _simulate(
     drawn = arguments.figure is not None and response is None and swept is None
     sampled = RecordSamples(rig, duration) if records or drawn else None
 
-    # A call of compiled code at each of many ticks takes longer than plain code.
-    ticks = arguments.states, arguments.recording, response, swept, sampled
-    if law is None and ticks == (None,) * 5:
-        rig.compiled = duration > _COMPILED_FROM * cycle_at(rig.parameters) and has_numba()
+    # A call of compiled code at each of many stops takes longer than plain code.
+    stops = arguments.states, swept, arguments.max_bag_size, arguments.max_bag_duration
+    if law is None and not any(stops):
+        samples = arguments.rate * duration if arguments.recording else 0.0
+        long = duration / cycle_at(rig.parameters) / _COMPILED_FROM + samples / _SAMPLES_FROM > 1.0
+        rig.compiled = long and has_numba()
 
     def report(*, whole: bool) -> None:
         if not arguments.quiet:

@@ -152,25 +152,22 @@ class ResponseSamples(Observer):
         self._start = max(rig.time, duration - self.periods * self.period)
         self._step = self.period / self._each
         self._lines = np.unique(np.round(np.array(acting) / math.tau * self.period).astype(int))
-        self._taken: list[tuple[float, float]] = []
-        self._next = self._start
+        self._taken: list[NDArray[np.void]] = []
 
-    def ticks(self) -> Iterator[float]:
+    def instants(self) -> Iterator[float]:
         """Yield the instants of the samples, s."""
         return (self._start + k * self._step for k in range(self.periods * self._each))
 
-    def look_at(self, instant: float) -> None:
-        """Take a sample."""
-        if instant == self._next and len(self._taken) < self.periods * self._each:
-            sample = self._rig.sample()
-            self._taken.append((sample.x, sample.base))
-            self._next = self._start + len(self._taken) * self._step
+    def take_samples(self, samples: NDArray[np.void]) -> None:
+        """Keep samples."""
+        self._taken.append(samples)
 
     def response(self) -> RandomResponse:
         """Return the transmissibility, after the run."""
         from scipy.signal import welch
 
-        x, base = np.array(self._taken).T
+        taken = np.concatenate(self._taken)
+        x, base = taken['x'], taken['base']
         spectra = [
             welch(signal, 1.0 / self._step, 'boxcar', self._each, 0, detrend='constant')[1]
             for signal in (x, base, x - base)

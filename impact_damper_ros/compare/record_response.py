@@ -52,24 +52,21 @@ class RecordSamples(Observer):
         self._rig = rig
         count = max(2, math.ceil(duration * rig.parameters.omega / math.tau * _LOOKS))
         self.times = np.linspace(rig.time, rig.time + duration, count + 1)
-        self._instants: list[float] = self.times.tolist()
-        self._taken: list[tuple[float, ...]] = []
+        self._taken: list[NDArray[np.void]] = []
 
-    def ticks(self) -> Iterator[float]:
+    def instants(self) -> Iterator[float]:
         """Yield the instants of the samples, s."""
-        return iter(self._instants)
+        return iter(self.times.tolist())
 
-    def look_at(self, instant: float) -> None:
-        """Take a sample."""
-        taken = len(self._taken)
-        if taken < len(self._instants) and instant == self._instants[taken]:
-            sample = self._rig.sample()
-            row = sample.x - sample.base, sample.z - sample.x, *self._rig.stops
-            self._taken.append(row)
+    def take_samples(self, samples: NDArray[np.void]) -> None:
+        """Keep samples."""
+        self._taken.append(samples)
 
     def response(self) -> RecordResponse:
         """Return the response so far."""
         sample = self._rig.sample()
         base = sample.base, sample.base_velocity
-        displacement, offset, *stops = np.array(self._taken).T
-        return RecordResponse(self.times, displacement, offset, np.column_stack(stops), base)
+        taken = np.concatenate(self._taken)
+        x = taken['x']
+        stops = np.column_stack([taken['stop_1'] - x, taken['stop_2'] - x])
+        return RecordResponse(self.times, x - taken['base'], taken['z'] - x, stops, base)

@@ -96,22 +96,16 @@ class RigMotion:
         if events:
             self.events += len(events)
             self.trace = self.trace.after(events)
-        out = []
-        deflection = self._rig.parameters.static_deflection
-        for event in events:
-            if event.kind is EventKind.IMPACT:
-                stamp_ns = offset_ns + round(event.time * 1e9)
-                content = self._encoder.impact(stamp_ns, event, deflection)
-                out.append(OutgoingMessage(self._publishers['impacts'], content, stamp_ns))
-                self.impacts += 1
+        self.impacts += sum(event.kind is EventKind.IMPACT for event in events)
+        self.commands += sum(act.action is Action.COMMAND for act in acts)
         for act in acts:
-            stamp_ns = offset_ns + round(act.time * 1e9)
-            content = self._encoder.control(stamp_ns, act)
-            out.append(OutgoingMessage(self._publishers['gap_control'], content, stamp_ns))
-            self.commands += act.action is Action.COMMAND
             if act.action is not Action.ORDER:
                 self.last_act = act
-        return out
+        deflection = self._rig.parameters.static_deflection
+        return [
+            OutgoingMessage(self._publishers[key], content, stamp_ns)
+            for key, content, stamp_ns in self._encoder.events(offset_ns, events, acts, deflection)
+        ]
 
     def states(self, stamp_ns: int) -> bytes:
         """Return the joint states of the tick that the rig is at."""

@@ -10,7 +10,7 @@ from math import inf
 import numpy as np
 
 from impact_damper_ros.control.act import ControlAct
-from impact_damper_ros.motion.event import Event, Sample, table_of_events
+from impact_damper_ros.motion.event import Event, table_of_events
 from impact_damper_ros.motion.kernels import has_numba
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.rig.observed_run import Observer, TimedOrder, run
@@ -36,7 +36,6 @@ class RunSamples(Observer):
         self._compiled = compiled and rig.own_law is None and has_numba()
         self._instants = np.asarray(instants, float)
         self._samples: list[Samples] = []
-        self._at_instants: list[Sample] = []
         self._events: list[Events] = []
         self.acts: list[ControlAct] = []
         #: Orders that the rig could not carry out: the instant, s, and the error
@@ -45,8 +44,7 @@ class RunSamples(Observer):
     @property
     def samples(self) -> Samples:
         """The samples so far."""
-        rows = samples_as_rows(self._at_instants)
-        return np.concatenate([NO_SAMPLES, *self._samples, rows])
+        return np.concatenate([NO_SAMPLES, *self._samples])
 
     @property
     def events(self) -> Events:
@@ -74,25 +72,24 @@ class RunSamples(Observer):
         while orders and orders[0].time <= until:
             due.append(orders.popleft())
         due = [order._replace(time=max(order.time, self._rig.time)) for order in due]
+        # Compiled code takes longer to begin, at each order, than plain code from one to the next.
+        self._rig.compiled = self._compiled and not due
         if due or observers or most_in_period != MOST_IN_PERIOD:
-            self._rig.compiled = False
             run(self._rig, until, [self, *observers], due, most_in_period, begun=True)
             return self
         # An event that a change makes due at once is handled by the next call with a later time.
         here = int(np.searchsorted(self._instants, self._rig.time, side='right'))
-        self._at_instants += [self._rig.sample()] * here
+        self._samples.append(samples_as_rows([self._rig.sample()] * here))
         if until > self._rig.time:
-            self._rig.compiled = self._compiled
             result = self._rig.run(until, self._instants[here:], most_events=inf)
-            self._samples += [samples_as_rows(self._at_instants), result.samples]
-            self._at_instants = []
+            self._samples.append(result.samples)
             self._events.append(result.events)
             self.acts += self._rig.acts
             if result.outcome is not Outcome.COMPLETE:
                 raise RunawayError(result.reason)
         return self
 
-    def ticks(self) -> Iterator[float]:
+    def instants(self) -> Iterator[float]:
         """Yield the instants."""
         yield from self._instants.tolist()
 
@@ -105,8 +102,6 @@ class RunSamples(Observer):
         """Keep an order that was not carried out, with the error."""
         self.refusals.append((order.time, error))
 
-    def look_at(self, instant: float) -> None:
-        """Sample the rig, once for each of the instants up to the present one."""
-        done = len(self._at_instants)
-        count = int(np.searchsorted(self._instants, instant, side='right'))
-        self._at_instants += [self._rig.sample()] * (count - done)
+    def take_samples(self, samples: Samples) -> None:
+        """Keep samples."""
+        self._samples.append(samples)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,9 @@ import numpy as np
 
 from impact_damper_ros.bag import RigRecorder
 from impact_damper_ros.bag.snapshots import without_search
-from impact_damper_ros.motion.event import Event, table_of_events
+from impact_damper_ros.motion.event import table_of_events
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.rig_parameters import InitialConditions
-from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import MOST_IN_PERIOD
 
@@ -136,9 +135,12 @@ class WhatIf:
         caused: list[Events] = []
         try:
             ends = [command.time] if command is not None else part.samples['time'][-1:].tolist()
+            recorders = [] if self._recorder is None else [self._recorder]
             for end in ends:
-                recorder = [] if self._recorder is None else [_UpTo(end, self._recorder)]
-                run.go(end, deque(part.orders), recorder, self._most_in_period)
+                for recorder in recorders:
+                    # A command may come at the end.
+                    recorder.hold = end
+                run.go(end, deque(part.orders), recorders, self._most_in_period)
             if part.before:
                 before = self.rig.snapshot()
             for time_ns, step in part.steps:
@@ -152,10 +154,9 @@ class WhatIf:
         return self.reached
 
     def close(self) -> None:
-        """End the recording, if there is one, with the tick that is due now."""
+        """End the recording, if there is one."""
         if self._recorder is not None:
             recorder, self._recorder = self._recorder, None
-            recorder.look_at(self.rig.time)
             recorder.close()
 
     def _change(self, time_ns: int, setting: Setting) -> list[Events]:
@@ -195,26 +196,6 @@ class WhatIf:
         if self._recorder is not None:
             self._recorder.reset(time_ns, initial.as_dict(), ())
         return events + (self._change(time_ns, kept) if kept is not None else [])
-
-
-class _UpTo(Observer):
-    """Lets a recorder observe a rig up to an instant, s, at which a command may come."""
-
-    def __init__(self, until: float, recorder: RigRecorder) -> None:
-        self._until, self._recorder = until, recorder
-
-    def ticks(self) -> Iterator[float]:
-        """Yield the ticks of the recorder."""
-        return self._recorder.ticks()
-
-    def take_events(self, events: Sequence[Event]) -> None:
-        """Record events and acts."""
-        self._recorder.take_events(events)
-
-    def look_at(self, instant: float) -> None:
-        """Record a tick, whose joint states come after a command at its instant."""
-        if instant < self._until:
-            self._recorder.look_at(instant)
 
 
 def _from_initial(

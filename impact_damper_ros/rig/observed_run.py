@@ -6,18 +6,28 @@ from __future__ import annotations
 import heapq
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain, groupby, takewhile
+from itertools import chain, groupby, repeat, takewhile
+from math import inf
 from typing import Any, NamedTuple
 
-from impact_damper_ros.motion.event import Event
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_damper_ros.motion.event import SAMPLE_TYPE, Event, events_of_table
 from impact_damper_ros.parameters.gap_control_parameters import GapControlParameters
 from impact_damper_ros.parameters.parameter_spec import ParameterError, check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .order import Order
 from .rig import Rig
+from .run_result import Outcome
 from .runaway import MOST_IN_PERIOD, RunawayError
 from .waiting_change import made_at_once, waiting_values
+
+Samples = NDArray[np.void]
+
+#: Most samples of one call of the rig: what is handed on at once.
+_BLOCK = 4096
 
 
 class TimedChange(NamedTuple):
@@ -84,8 +94,20 @@ class Observer:
         """Yield the instants at which the rig is to stop, s, in order."""
         return iter(())
 
+    def instants(self) -> Iterator[float]:
+        """Yield the instants at which the rig is sampled, s, in order; it need not stop there."""
+        return iter(())
+
     def take_events(self, events: Sequence[Event]) -> None:
         """Take the events of the rig's last call; `Rig.acts` holds the acts of its control."""
+
+    def take_samples(self, samples: Samples) -> None:
+        """Take samples at the next of the `instants`, an array of SAMPLE_TYPE."""
+
+    def take_motion(self, events: Sequence[Event], samples: Samples) -> None:
+        """Take the events of the rig's last call as `take_events`, and samples on the way."""
+        self.take_events(events)
+        self.take_samples(samples)
 
     def take_change(
         self,
@@ -115,7 +137,9 @@ def run(
     """
     Run a rig to an instant, and call observers on the way.
 
-    The motion does not depend on the observers: stopping a rig changes no bit of it.
+    The motion does not depend on the observers: stopping a rig changes no bit of it. Between two
+    stops the rig is sampled in blocks, which compiled code computes fast; a law of the user's own
+    stops at each instant. A sample at the instant of a change is taken after the change.
 
     Parameters
     ----------
@@ -155,9 +179,12 @@ def run(
     """
     check_kind('rig', rig, Rig, 'a Rig, such as Rig(parameters)')
     coming = deque(changes)
-    stops = heapq.merge(
-        *(observer.ticks() for observer in observers), [change.time for change in changes]
-    )
+    sampling = _Sampling(rig, observers)
+    ticks = [observer.ticks() for observer in observers]
+    if rig.own_law is not None:
+        # After an error in the law the samples before it are not lost.
+        ticks += [observer.instants() for observer in observers]
+    stops = heapq.merge(*ticks, [change.time for change in changes])
     before_end = takewhile(lambda instant: instant < until, stops)
     waiting: TimedChange | None = None
     for stop, _ in groupby(chain([rig.time], before_end, [until])):
@@ -165,7 +192,7 @@ def run(
         while instant < stop or instant == rig.time == stop:
             instant = stop if waiting is None else min(stop, waiting.time)
             if instant > rig.time or not begun:
-                _advance(rig, instant, observers, most_in_period)
+                _advance(rig, instant, observers, most_in_period, sampling)
             if waiting is not None and waiting.time == instant:
                 _change_all(rig, waiting, observers)
                 waiting = None
@@ -175,16 +202,67 @@ def run(
                     _order(rig, due, observers)
                 else:
                     waiting = _change(rig, due, observers)
+            sampling.sample_now()
             if instant == stop:
                 break
         for observer in observers:
             observer.look_at(stop)
 
 
+class _Sampling:
+    """The samples that the observers of a rig still await."""
+
+    def __init__(self, rig: Rig, observers: Sequence[Observer]) -> None:
+        self._rig, self._observers = rig, observers
+        # Each instant, and the place of the observer that awaits it
+        self._coming = heapq.merge(
+            *(zip(one.instants(), repeat(k)) for k, one in enumerate(observers))
+        )
+        self._next = next(self._coming, (inf, 0))
+
+    def _take(self, least: float, most: int) -> tuple[list[float], NDArray[np.int64]]:
+        """Take instants before another one, with their observers."""
+        found: list[tuple[float, int]] = []
+        while self._next[0] < least and len(found) < most:
+            found.append(self._next)
+            self._next = next(self._coming, (inf, 0))
+        return [instant for instant, _ in found], np.array([k for _, k in found], np.int64)
+
+    def sample_now(self) -> None:
+        """Sample the rig where it is, for the instants up to the present one."""
+        if self._next[0] <= self._rig.time:
+            _, owners = self._take(np.nextafter(self._rig.time, inf), 2**31)
+            samples = np.array([tuple(self._rig.sample())] * len(owners), SAMPLE_TYPE)
+            for k, observer in enumerate(self._observers):
+                if len(own := samples[owners == k]):
+                    observer.take_samples(own)
+
+    def run_before(self, end: float, most_in_period: float) -> bool:
+        """Run through the next block of instants before another one; return whether there are."""
+        instants, owners = self._take(end, _BLOCK)
+        if not instants:
+            return False
+        result = self._rig.run(
+            instants[-1], instants, most_events=inf, most_in_period=most_in_period
+        )
+        events, owners = events_of_table(result.events), owners[: len(result.samples)]
+        for k, observer in enumerate(self._observers):
+            observer.take_motion(events, result.samples[owners == k])
+        if result.outcome is not Outcome.COMPLETE:
+            raise RunawayError(result.reason, events)
+        return True
+
+
 def _advance(
-    rig: Rig, instant: float, observers: Sequence[Observer], most_in_period: float
+    rig: Rig,
+    instant: float,
+    observers: Sequence[Observer],
+    most_in_period: float,
+    sampling: _Sampling,
 ) -> None:
-    """Run a rig to an instant, s."""
+    """Run a rig to an instant, s, with the samples before it."""
+    while sampling.run_before(instant, most_in_period):
+        pass
     try:
         events = rig.advance(instant, most_in_period)
     except RunawayError as error:

@@ -260,6 +260,7 @@ class Rig(RigChanges):
         *,
         record: bool = True,
         most_events: float = 1_000_000,
+        most_in_period: float = MOST_IN_PERIOD,
     ) -> RunResult:
         """
         Let the rig run to a later time; as `advance`, but events and samples are arrays.
@@ -276,6 +277,8 @@ class Rig(RigChanges):
             Most events of the run (rounded up), the steps of a stepped sine among them. With
             elastic stops to which m is pressed they may have no end; the run then ends here, or
             where `advance` raises an error, as the outcome says.
+        most_in_period : float, optional
+            Most events within a period, see `advance`.
 
         Returns
         -------
@@ -296,7 +299,12 @@ class Rig(RigChanges):
         in_mode = np.zeros(len(Mode))
         tables = RunTables(keep=record, since=since, end=time)
         status, happened = self._run_to(
-            time, tables, most=most, when=when, samples=samples, in_mode=in_mode
+            *(time, tables),
+            most=most,
+            most_in_period=most_of(most_in_period, 'most_in_period'),
+            when=when,
+            samples=samples,
+            in_mode=in_mode,
         )
         outcome = Outcome(status)
         return RunResult(

@@ -13,6 +13,7 @@ from mcap.writer import CompressionType
 from replay.test_replay import places, replayed
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
+from impact_damper_ros import run
 from impact_damper_ros.bag import RunReader
 from impact_damper_ros.bag.messages import header_ns
 from impact_damper_ros.bag.rig_recorder import RigRecorder
@@ -29,9 +30,7 @@ def bag(tmp_path_factory):
     parts = (rig.parameters, RecordedRig().initial, rig.control)
     values = {name: v for part in parts for name, v in part.as_dict().items()}
     recorder = RigRecorder(directory, rig, values, 200.0, 4.0)
-    for instant in recorder.ticks():
-        recorder.take_events(rig.advance(instant))
-        recorder.look_at(instant)
+    run(rig, 4.0, [recorder])
     recorder.close()
     return directory
 

@@ -10,11 +10,11 @@ CONTROL = GapControlParameters()
 
 class Diary(Observer):
     def __init__(self, rig, ticks=()):
-        self.rig, self.instants = rig, ticks
+        self.rig, self.stops = rig, ticks
         self.events, self.looks, self.changes = [], [], []
 
     def ticks(self):
-        return iter(self.instants)
+        return iter(self.stops)
 
     def take_events(self, events):
         self.events += events
@@ -42,6 +42,42 @@ def test_observers_see_all_and_alter_nothing():
     # Each sees the rig wherever it stops, once, and not beyond the end
     assert often.looks == plain.looks == [0.0, 0.7, 3.0, 50.0, 79.9, 80.0]
     assert often.changes == [(50_000_000_000, {'gap': 30.0}, 50.0)]
+
+
+class Sampled(Observer):
+    def __init__(self, *instants):
+        self.wanted, self.rows, self.blocks = instants, [], 0
+
+    def instants(self):
+        return iter(self.wanted)
+
+    def take_samples(self, samples):
+        self.blocks += 1
+        self.rows += samples.tolist()
+
+
+@pytest.mark.parametrize('compiled', [False, True])
+def test_samples_between_the_stops_are_those_of_a_rig_that_stops(compiled):
+    """At the instant of a change they are taken after it; each observer gets its own."""
+    wide = HORIZONTAL.replace(gap=30.0, angle=0.1, gravity=9.81)
+    change = TimedChange(50_000_000_000, {'gap': 30.0}, wide, CONTROL)
+    rig, alone = Rig(HORIZONTAL, compiled=compiled), Rig(HORIZONTAL)
+    many = Sampled(*(0.5 * k for k in range(10_000)))
+    few, diary = Sampled(3.0, 50.0, 50.0, 79.9), Diary(rig, (60.0,))
+    run(rig, 80.0, [few, diary, many], [change])
+    expected = {}
+    for instant in sorted({*many.wanted, *few.wanted}):
+        if instant <= 80.0:
+            alone.advance(instant)
+            if instant == 50.0:
+                alone.change(wide)
+            expected[instant] = tuple(alone.sample())
+    assert [row[0] for row in many.rows] == [0.5 * k for k in range(161)]
+    assert many.rows == [expected[row[0]] for row in many.rows]
+    assert few.rows == [expected[time] for time in few.wanted]
+    # Blocks before and after the change and the stop, and a sample at 0, 50, 60 and 80 s
+    assert many.blocks == 7
+    assert rig.snapshot() == alone.snapshot()
 
 
 def test_a_run_goes_on_from_where_the_rig_is():
