@@ -8,7 +8,6 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.outputs import check_directory
@@ -17,7 +16,6 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .command_line import (
     EXIT_FAILED,
-    MISSING_ROS,
     CommandError,
     add_json_option,
     add_path_option,
@@ -30,7 +28,6 @@ from .command_line import (
     number_in,
     outcome,
     path_of,
-    progress_bar,
     say,
     text_stream,
     write_json,
@@ -39,10 +36,8 @@ from .command_line import (
 from .rig_options import add_set_option, given_rig, hint, rig_line
 
 if TYPE_CHECKING:
-    from impact_damper_ros.bag import RecordedMessage
     from impact_damper_ros.fit.estimate import Estimate
     from impact_damper_ros.fit.measured_motion import MeasuredMotion, ReadingOptions
-    from impact_damper_ros.fit.recorded_motion import TopicMessages
     from impact_damper_ros.fit.structure import StructureFit
 
 #: Further parameters that may be fitted, see `fit.rig_fit.FURTHER`.
@@ -57,9 +52,9 @@ _MOST_UNCERTAIN = 30.0
 
 _DESCRIPTION = """\
 Fit a rig to the measured motion of M: stiffness, damping, restitution, friction and gap, each with
-its 95 % interval. DATA is a CSV file whose header has units (t [s], x [mm], accel [g],
-force [N], impact), the export of a phone, .uff, .lvm, or a bag; or --topic takes a live one. With
---structure frequency and damping come from a ring-down or a sweep without the damper.
+its 95 % interval. FILE is a CSV file whose header has units (t [s], x [mm], accel [g],
+force [N], impact), the export of a phone, .uff, .lvm, or a bag. With --structure frequency and
+damping come from a ring-down or a sweep without the damper.
 """
 _EPILOG = """\
 Masses, force and angle are those of --rig, whose stiffness and damping are guesses (within 5 and
@@ -69,22 +64,20 @@ the input is invalid; 130 on Ctrl-C, 143 on SIGTERM.
 Examples:
   fit_rig free.csv --structure --rig rig.yaml --rig-out start.yaml
   fit_rig run.csv --impacts hits.csv --rig start.yaml --rig-out fitted.yaml --report report
-  fit_rig --topic /joint_states --seconds 20 --rig bench_rig
+  fit_rig runs/run_20250131_120000 --rig bench_rig
 """
 
 
 #: See `needs`.
 NEEDS = (
     *(('--set', '--rig'), ('--node', '--rig')),
-    *(('--seconds', '--topic'), ('--seconds', 'no FILE')),
     ('--also', 'no --structure'),
     ('--uncertain', 'no --structure'),
     ('--unit', '--column'),
-    *((option, 'FILE') for option in ('--column', '--time', '--base-column', '--force-column')),
     (
         '--look',
         'only FILE --column --unit --time --base-column --force-column --impacts '
-        '--impact-deviation --saturation --topic --joint --seconds --from --to',
+        '--impact-deviation --saturation --topic --joint --from --to',
     ),
 )
 
@@ -106,9 +99,7 @@ def _uncertainty(text: str) -> tuple[str, float]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser('fit_rig', _DESCRIPTION, _EPILOG, NEEDS)
-    parser.add_argument(
-        'data', type=path_of, nargs='?', metavar='FILE', help='measured data, or a bag'
-    )
+    parser.add_argument('data', type=path_of, metavar='FILE', help='measured data, or a bag')
     parser.add_argument(
         '--rig',
         type=path_of,
@@ -179,64 +170,15 @@ def _parser() -> argparse.ArgumentParser:
             metavar='TIME',
             help=f'{text} instant of the data that is used',
         )
-    data.add_argument('--topic', default='', metavar='NAME', help='topic: of a bag, or live')
+    data.add_argument('--topic', default='', metavar='NAME', help='topic of a bag')
     data.add_argument(
         '--joint', default='', metavar='NAME', help='joint of a JointState, axis of an Imu'
-    )
-    data.add_argument(
-        '--seconds',
-        type=number_in(1.0, 3600.0, 's'),
-        metavar='TIME',
-        help='without DATA: how long to listen to --topic [20]',
     )
     add_path_option(parser, '--look', 'draw the data as they are read, without a fit', 'FIGURE')
     add_json_option(parser)
     add_path_option(parser, '--report', 'write an HTML report, and its numbers beside it', 'DIR')
     add_path_option(parser, '--rig-out', 'write the fitted rig, with its intervals as comments')
     return parser
-
-
-def _messages(arguments: argparse.Namespace) -> list[RecordedMessage]:
-    """Return the messages of a live topic, and of other topics of its rig."""
-    if find_spec('rclpy') is None:
-        raise CommandError(MISSING_ROS)
-    from impact_damper_ros.bag.topic_columns import TYPES
-    from impact_damper_ros.fit.recorded_motion import beside
-    from impact_damper_ros.node.topic_listener import TopicError, listen
-
-    seconds, topic = arguments.seconds or 20.0, arguments.topic
-    more = [beside(topic, name) for name in ('snapshot', 'impacts')]
-    try:
-        with progress_bar('listened', seconds, 's') as bar:
-            return [*listen(topic, more, TYPES, seconds, lambda s: bar.update(s - bar.n))]
-    except TopicError as error:
-        raise CommandError(str(error)) from error
-
-
-def _recorded_messages(
-    arguments: argparse.Namespace, options: ReadingOptions
-) -> TopicMessages | None:
-    """Return the messages of a live topic, or of one in a bag; None for a file of columns."""
-    from impact_damper_ros.fit.recorded_motion import TopicMessages, bag_messages, is_bag
-
-    if arguments.data is None:
-        return TopicMessages(_messages(arguments), arguments.topic, 'live')
-    return bag_messages(arguments.data, options) if is_bag(arguments.data) else None
-
-
-def _read(
-    arguments: argparse.Namespace, options: ReadingOptions, recorded: TopicMessages | None
-) -> tuple[MeasuredMotion, RigParameters | None]:
-    """Return the data, and the rig that their recording names."""
-    from impact_damper_ros.fit.recorded_motion import (
-        motion_of_messages,
-        read_motion_and_rig,
-        recorded_rig,
-    )
-
-    if recorded is None:
-        return read_motion_and_rig(arguments.data, options)
-    return motion_of_messages(recorded, options), recorded_rig(recorded)
 
 
 def _options(arguments: argparse.Namespace) -> ReadingOptions:
@@ -260,10 +202,11 @@ def _options(arguments: argparse.Namespace) -> ReadingOptions:
 
 
 def _data(arguments: argparse.Namespace) -> tuple[MeasuredMotion, RigParameters | None]:
+    from impact_damper_ros.fit.recorded_motion import read_motion_and_rig
+
     saturation = arguments.saturation
-    options = _options(arguments)
     try:
-        data, rig = _read(arguments, options, _recorded_messages(arguments, options))
+        data, rig = read_motion_and_rig(arguments.data, _options(arguments))
     except OSError as error:
         name = error.filename or arguments.data
         raise CommandError(
@@ -289,13 +232,10 @@ def _start(arguments: argparse.Namespace, recorded: RigParameters | None) -> Rig
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command."""
-    parser = _parser()
-    arguments = parser.parse_args(argv)
+    arguments = _parser().parse_args(argv)
     # `impacts` is an output of other commands
     arguments.impact_file = arguments.__dict__.pop('impacts')
     arguments.figure = arguments.look
-    if arguments.data is None and not arguments.topic:
-        parser.error('give the file of the data, or a live topic with --topic')
     command = shlex.join(['fit_rig', *(sys.argv[1:] if argv is None else argv)])
 
     def work() -> int:
@@ -313,16 +253,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _look(arguments: argparse.Namespace) -> int:
     """Draw the data as they are read, and print the reason if they cannot be used."""
+    from impact_damper_ros.fit.recorded_motion import bag_messages, is_bag, read_motion_and_rig
     from impact_damper_ros.report.look_figure import look_figure, message_columns, raw_columns
 
     options, problem, data = _options(arguments), None, None
-    recorded = _recorded_messages(arguments, options)
-    if recorded is None:
-        columns = raw_columns(arguments.data, options)
+    if is_bag(arguments.data):
+        columns = message_columns(bag_messages(arguments.data, options), options)
     else:
-        columns = message_columns(recorded, options)
+        columns = raw_columns(arguments.data, options)
     try:
-        data, _ = _read(arguments, options, recorded)
+        data, _ = read_motion_and_rig(arguments.data, options)
     except ValueError as error:
         problem = error
     draw(arguments.look, look_figure, columns, data, data.source if data else str(problem))

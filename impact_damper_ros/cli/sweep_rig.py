@@ -4,13 +4,8 @@
 from __future__ import annotations
 
 import argparse
-import logging
-import socket
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
 from typing import Any, get_args
@@ -175,17 +170,11 @@ def _parser() -> argparse.ArgumentParser:
         help='which value of the measure is best [least]',
     )
     add_json_option(drawn, 'counts, attractors and optimum')
-    where = options.add_argument_group('execution').add_mutually_exclusive_group()
-    where.add_argument(
+    add(
         '--jobs',
         type=up_to(MOST_JOBS),
         metavar='N',
         help='number of threads; of processes, if a law is plain Python [as many as cores]',
-    )
-    where.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='run on the workers of a Dask scheduler, such as tcp://10.0.0.1:8786',
     )
     add_quiet_option(options, 'summary')
     return options
@@ -241,111 +230,26 @@ def _announce(grid: Grid) -> None:
         )
 
 
-#: Time in which the scheduler, and then one of its workers, must answer, s.
-_CONNECT_SECONDS = 15.0
-_WORKERS_SECONDS = 15.0
-#: Time after which a sweep without workers ends, s.
-_PATIENCE = 120.0
-
-
-class _Progress:
-    """The bar of finished rigs, which also notices a cluster without workers."""
-
-    def __init__(self, grid: Grid, workers: Callable[[], int], *, quiet: bool) -> None:
-        self.bar = progress_bar('rigs', grid.size, 'rigs', quiet=quiet)
-        self.done = 0
-        self._workers = workers
-        self._last = time.monotonic()
-
-    def __call__(self, done: int) -> None:
-        """Show the number of finished rigs."""
-        if not self.done:
-            # Rigs of an earlier run are not counted.
-            self.bar.initial = self.bar.n = done
-        if done > self.done:
-            self.bar.update(done - self.bar.n)
-            self.done, self._last = done, time.monotonic()
-        elif time.monotonic() - self._last > _PATIENCE and not self._workers():
-            raise WorkersError('all workers have disconnected')
-
-
-#: Loggers that would print tracebacks of a connection that ends while tasks are under way.
-_LOGGERS = (
-    *('distributed', 'distributed.client', 'tornado', 'tornado.application'),
-    *('asyncio', 'concurrent.futures'),
-)
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
-    """Yield the executor of a Dask cluster, and the number of its workers."""
-    try:
-        from distributed import Client, KilledWorker
-    except ImportError as error:
-        raise CommandError(
-            f'dask.distributed, which --scheduler needs, cannot be imported ({error}): '
-            'install it with "pip install distributed", or the package with its extra [dask]'
-        ) from error
-    try:
-        # A client that cannot connect waits, and logs errors when it is deleted.
-        host, _, port = address.rpartition('://')[2].rpartition(':')
-        if not port.isdigit():
-            raise ValueError('it has no port')
-        socket.create_connection((host.strip('[]'), int(port)), _CONNECT_SECONDS).close()
-        client: Any = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise CommandError(
-            f'no Dask scheduler at {address} ({error}): give the address that it prints when '
-            'it starts, such as tcp://10.0.0.1:8786',
-            EXIT_FAILED,
-        ) from error
-    # This command reports a lost connection and an interruption itself, in one line
-    for name in _LOGGERS:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-
-    def workers() -> int:
-        try:
-            return len(client.nthreads())
-        except OSError as error:
-            raise WorkersError(f'the connection to the scheduler is lost ({error})') from error
-
-    try:
-        client.wait_for_workers(1, timeout=_WORKERS_SECONDS)
-        yield client.get_executor(pure=False), workers
-    except TimeoutError as error:
-        raise CommandError(
-            f'the Dask scheduler at {address} has no workers: start some, as with '
-            f'"dask worker {address}"',
-            EXIT_FAILED,
-        ) from error
-    except KilledWorker as error:
-        raise WorkersError(
-            f'workers in a row died while they ran some of the rigs ({error}): is there enough '
-            'memory?'
-        ) from error
-    finally:
-        # The scheduler may not answer any more.
-        with suppress(OSError):
-            client.close(timeout=5)
-
-
 def _swept(grid: Grid, arguments: argparse.Namespace) -> Columns:
     """Run the rest of the sweep; return its table."""
     part = part_path(arguments.output)
-    done = 0
     try:
-        here: Any = nullcontext((None, lambda: 1))
-        with _cluster(arguments.scheduler) if arguments.scheduler else here as (executor, workers):
-            progress = _Progress(grid, workers, quiet=arguments.quiet)
-            with progress.bar:
-                try:
-                    return run_grid(
-                        *(grid, arguments.output, executor, arguments.jobs),
-                        overwrite=arguments.overwrite,
-                        progress=progress,
-                    )
-                finally:
-                    done = progress.done
+        with progress_bar('rigs', grid.size, 'rigs', quiet=arguments.quiet) as bar:
+            done = 0
+
+            def reached(now: int) -> None:
+                nonlocal done
+                if not done:
+                    # Rigs of an earlier run are not counted.
+                    bar.initial = bar.n = now
+                bar.update(now - bar.n)
+                done = now
+
+            return run_grid(
+                *(grid, arguments.output, None, arguments.jobs),
+                overwrite=arguments.overwrite,
+                progress=reached,
+            )
     except (KeyboardInterrupt, WorkersError, OSError) as error:
         if part.exists():
             say(

@@ -47,7 +47,7 @@ REFUSALS = {
         ('', 'the excitation is not known: give --base or --force'),
     ],
     'fit_rig': [
-        ('', 'give the file of the data, or a live topic with --topic'),
+        ('', 'the following arguments are required: FILE'),
         ('no.csv --rig bench_rig', 'no.csv: cannot be read (No such file'),
         ('free.csv', 'masses and force are not known: give the parameters file'),
         ('free.csv --structure --rig-out o.yaml', '--rig-out needs the masses'),
@@ -265,7 +265,6 @@ def test_a_missing_matplotlib(command, words, place, monkeypatch, capsys):
     [
         ('pyarrow', '', '"pip install pyarrow", or the package with its extra [sweep], or'),
         ('pandas', '-o a.csv', '"pip install pandas", or the package with its extra [sweep]'),
-        ('distributed', '--scheduler tcp://127.0.0.1:9', 'extra [dask]'),
     ],
 )
 def test_a_missing_library_of_sweeps(missing, words, message, place, monkeypatch, capsys):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
@@ -13,9 +12,8 @@ from running import DEADLINE_S, Running
 
 import impact_damper_ros
 from impact_damper_ros import InitialConditions, RigParameters
-from impact_damper_ros.cli import sweep_rig
 from impact_damper_ros.sweep import Grid, Settling, sweep
-from impact_damper_ros.sweep.part_file import PartFile, part_path
+from impact_damper_ros.sweep.part_file import PartFile
 
 pytest.importorskip('pyarrow')
 
@@ -77,12 +75,12 @@ def cluster(tmp_path_factory):
         yield address, workers
 
 
-def test_command_runs_on_a_cluster(cluster, tmp_path):
-    address, _ = cluster
-    words = [PAPER, '--vary', 'gap=24:37:6', '--quiet']
+def test_rows_of_a_cluster_are_those_of_one_thread(cluster, tmp_path):
     there, here = tmp_path / 'there.parquet', tmp_path / 'here.parquet'
-    assert sweep_rig.main([*words, '--scheduler', address, '-o', str(there)]) == 0
-    assert sweep_rig.main([*words, '--jobs', '1', '-o', str(here)]) == 0
+    grid = Grid(RigParameters(gravity=0.0), START, gap=np.linspace(24.0, 37.0, 6))
+    with client_of(cluster[0]) as client:
+        sweep(grid, there, executor=client.get_executor(pure=False))
+    sweep(grid, here)
     assert there.read_bytes() == here.read_bytes()
 
 
@@ -90,21 +88,6 @@ def test_a_programming_error_comes_back_from_the_cluster(cluster, monkeypatch):
     monkeypatch.setattr('impact_damper_ros.sweep.execution.run_task', 'no function')
     with client_of(cluster[0]) as client, pytest.raises(TypeError):
         sweep(GRID, executor=client.get_executor(pure=False))
-
-
-def test_an_interrupted_sweep_ends_in_two_lines(cluster, tmp_path):
-    """Ctrl-C with work under way, as in a terminal; nothing of Dask is printed."""
-    words = [PAPER, '--vary', 'gap=3:13:2000', '--set', 'gravity=0', '--quiet']
-    path = tmp_path / 'cut.parquet'
-    words += ['--scheduler', cluster[0], '-o', str(path)]
-    program = ('-m', 'impact_damper_ros.cli.sweep_rig')
-    with Running(tmp_path, *program, *words, environment=ENVIRONMENT) as process:
-        part = part_path(path)
-        process.until(lambda: part.exists() and part.read_text().count('\n') > 1)
-        assert process.stop() == 128 + signal.SIGINT
-    reported, ended = process.output.splitlines()
-    assert 'of 2000 rigs are in' in reported
-    assert ended == 'sweep_rig: interrupted'
 
 
 def test_a_killed_worker_loses_no_row_and_leaves_no_trace(cluster, tmp_path, monkeypatch):
@@ -133,31 +116,3 @@ def test_a_killed_worker_loses_no_row_and_leaves_no_trace(cluster, tmp_path, mon
     assert killed[0][1] < GRID.size / 2
     assert sorted(added) == list(range(GRID.size))
     assert there.read_bytes() == here.read_bytes()
-
-
-def test_a_sweep_whose_workers_have_all_gone_says_so(cluster, tmp_path, monkeypatch, capsys):
-    """The last test of the cluster, which it leaves without workers."""
-    address, processes = cluster
-    monkeypatch.setattr(sweep_rig, '_PATIENCE', 0.1)
-    monkeypatch.setattr(sweep_rig, '_WORKERS_SECONDS', 0.3)
-    monkeypatch.setattr('impact_damper_ros.sweep.execution._BEAT', 0.2)
-    table = tmp_path / 'there.parquet'
-    words = [PAPER, '--set', 'gap=8', '--vary', 'force_frequencies=1:1.1:400', '--quiet']
-    words += ['--scheduler', address, '-o', str(table)]
-    call = sweep_rig._Progress.__call__
-
-    def kill_all(progress, done):
-        if done:
-            for process in processes:
-                process.kill()
-                process.wait()
-        call(progress, done)
-
-    monkeypatch.setattr(sweep_rig._Progress, '__call__', kill_all)
-    assert sweep_rig.main(words) == 1
-    said = capsys.readouterr().err
-    assert 'all workers have disconnected' in said
-    assert 'give the same command again to resume' in said
-    assert part_path(table).exists()
-    assert sweep_rig.main(words) == 1
-    assert 'has no workers: start some' in capsys.readouterr().err
