@@ -29,7 +29,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     checked_number,
 )
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS, resolve_structure
-from impact_damper_ros.report.table import ColumnHead, Table
+from impact_damper_ros.report.table import Table
 
 from .command_line import EXIT_FAILED, MISSING_ROS, CommandError, command_parser, outcome, say
 from .rig_options import values_of
@@ -219,15 +219,13 @@ def ros_node(name: str) -> Iterator[Any]:
 
 def parameter_list(names: Iterable[str], values: Mapping[str, Any]) -> str:
     """Return a table of some parameters of a rig with values, units, ranges and usual ranges."""
-    columns = [
-        ColumnHead(t, 'text') for t in ('parameter', 'value', 'unit', 'range', 'usual range')
-    ]
+    head = ('parameter', 'value', 'unit', 'range', 'usual range')
     rows = [
         (name, setting(values[name]), unit_of(name, values), spec.span, spec.usual_span)
         for name in names
         for spec in (ALL_SPECS[name],)
     ]
-    return Table(columns, [('', rows)]).text()
+    return Table.of_rows(head, rows, len(head)).text()
 
 
 _LEVELS = 'OK', 'WARN', 'ERROR', 'STALE'
@@ -236,8 +234,9 @@ _LEVELS = 'OK', 'WARN', 'ERROR', 'STALE'
 def status_lines(statuses: Sequence[DiagnosticStatus]) -> str:
     """Return some statuses of the diagnostics in a line each."""
     rows = [(s.name, _LEVELS[s.level], s.message) for s in statuses]
-    columns = [ColumnHead(title, 'text') for title in ('status', 'level', 'message')]
-    return '\n'.join(Table(columns, [('', rows)]).text().splitlines()[1:])
+    return '\n'.join(
+        Table.of_rows(('status', 'level', 'message'), rows, 3).text().splitlines()[1:]
+    )
 
 
 def watch(node: Any, name: str) -> None:

@@ -16,7 +16,7 @@ from impact_damper_ros.parameters.quoting import plural, setting
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .formatting import NONE, Unit, instant, number, quantity, unit_for
+from .formatting import NONE, Unit, instant, number, numbers, quantity, unit_for
 from .ring_down_figure import percent_of_loss
 from .swept_response_figure import base_amplitude, level_of
 from .table import ColumnHead, Table
@@ -150,9 +150,8 @@ def overall_table(
         f'taken by the dashpot [{energy.name}]': joules('dashpot_energy'),
     }
     rows = [(name, *(text(e) for text in columns.values())) for name, e in entries.items()]
-    text = 'Over whole stretches, transients included. '
-    heads = [ColumnHead('stretch', 'text'), *map(ColumnHead, columns)]
-    return Table(heads, [('', rows)], 'Largest |X|, impacts and energy', text + note)
+    note = f'Over whole stretches, transients included. {note}'
+    return Table.of_rows(('stretch', *columns), rows, 1, 'Largest |X|, impacts and energy', note)
 
 
 def _pair(name: str, unit: str, measured: float, predicted: float) -> tuple[str, ...]:
@@ -208,27 +207,16 @@ def ring_down_table(stretch: StretchComparison) -> Table | None:
     found = stretch.ring_down
     if found is None:
         return None
-    curve = found.curve(_RING_DOWN_ROWS)
-    unit = unit_for('m', found.amplitude)
-    rows = [
-        (
-            number(unit.factor * size, 4),
-            number(acceleration, 3),
-            number(count, 6),
-            number(loss, 4),
-            number(loss / math.tau, 4),
-            number(percent_of_loss(loss), 4),
-        )
-        for size, acceleration, count, loss, _, _ in zip(*curve.values(), strict=True)
-    ][::-1]
-    columns = [
-        ColumnHead(f'amplitude [{unit.name}]'),
-        ColumnHead('[g]'),
-        ColumnHead('cycles'),
-        ColumnHead('loss Ψ'),
-        ColumnHead('loss factor'),
-        ColumnHead('ζ [%]'),
-    ]
+    curve = {name: values[::-1] for name, values in found.curve(_RING_DOWN_ROWS).items()}
+    unit, loss = unit_for('m', found.amplitude), curve['median']
+    columns = {
+        f'amplitude [{unit.name}]': numbers(unit.factor * curve['amplitude'], 4),
+        '[g]': numbers(curve['acceleration'], 3),
+        'cycles': numbers(curve['cycles'], 6),
+        'loss Ψ': numbers(loss, 4),
+        'loss factor': numbers(loss / math.tau, 4),
+        'ζ [%]': numbers(map(percent_of_loss, loss), 4),
+    }
     note = (
         f'{plural(len(found.loss), "cycle")} from '
         f'{quantity(found.amplitude, "m", 4)} down; each row is the median of the cycles of about '
@@ -237,7 +225,7 @@ def ring_down_table(stretch: StretchComparison) -> Table | None:
     )
     if found.bound < 1.0:
         note += f', two impacts per cycle at X = 0 would lose {number(found.bound, 4)}'
-    return Table(columns, [('', rows)], 'Ring-down', f'{note}.')
+    return Table.of_columns(columns, 0, 'Ring-down', f'{note}.')
 
 
 def response_table(stretch: StretchComparison) -> Table | None:
@@ -248,36 +236,27 @@ def response_table(stretch: StretchComparison) -> Table | None:
     level, unit = level_of(rig, found.level)
     length = unit_for('m', float(found.x.max()))
     step = math.ceil(len(found.time) / _MOST_STEPS)
-    of_base = []
+    columns = {
+        'way': ['up' if upwards else 'down' for upwards in found.upwards],
+        '[Hz]': numbers(found.frequency / math.tau, 4),
+        f'level [{unit}]': numbers(level, 3),
+        f'|X| [{length.name}]': numbers(length.factor * found.x, 4),
+        f'without damper [{length.name}]': numbers(length.factor * found.x_without, 4),
+    }
     if rig.swept == 'base':
-        of_base = [length.factor * found.relative, found.x / base_amplitude(rig, found)]
-    rows = [
-        (
-            'up' if found.upwards[k] else 'down',
-            number(found.frequency[k] / math.tau, 4),
-            number(level[k], 3),
-            number(length.factor * found.x[k], 4),
-            number(length.factor * found.x_without[k], 4),
-            *(number(values[k], 4) for values in of_base),
-            number(found.acceleration[k] / STANDARD_GRAVITY, 3),
-            number(found.impacts[k], 3),
-        )
-        for k in range(0, len(found.time), step)
-    ]
-    columns = [
-        ColumnHead('way', 'text'),
-        ColumnHead('[Hz]'),
-        ColumnHead(f'level [{unit}]'),
-        ColumnHead(f'|X| [{length.name}]'),
-        ColumnHead(f'without damper [{length.name}]'),
-        *map(ColumnHead, [f'|X − b| [{length.name}]', '|X|/|b|'][: len(of_base)]),
-        ColumnHead('|X″| [g]'),
-        ColumnHead('impacts per cycle'),
-    ]
+        columns |= {
+            f'|X − b| [{length.name}]': numbers(length.factor * found.relative, 4),
+            '|X|/|b|': numbers(found.x / base_amplitude(rig, found), 4),
+        }
+    columns |= {
+        '|X″| [g]': numbers(found.acceleration / STANDARD_GRAVITY, 3),
+        'impacts per cycle': numbers(found.impacts, 3),
+    }
     note = 'The largest values at each frequency, late in its time; without damper the settled |X|'
     if step > 1:
         note += f'; one in {step} of {len(found.time)} steps'
-    return Table(columns, [('', rows)], 'Response over frequency', f'{note}.')
+    shown = {name: cells[::step] for name, cells in columns.items()}
+    return Table.of_columns(shown, 1, 'Response over frequency', f'{note}.')
 
 
 def impact_table(stretch: StretchComparison) -> Table | None:
@@ -369,8 +348,8 @@ def multiplier_table(stretch: StretchComparison) -> Table | None:
     ]
     stable = 'all within the unit circle' if orbit.stable else 'not all within the unit circle'
     note = f'In each period deviations are multiplied by these: {stable}.'
-    columns = [ColumnHead('', 'text'), ColumnHead('modulus'), ColumnHead('angle [°]')]
-    return Table(columns, [('', rows)], 'Multipliers of the predicted motion', note)
+    head = ('', 'modulus', 'angle [°]')
+    return Table.of_rows(head, rows, 1, 'Multipliers of the predicted motion', note)
 
 
 def parameter_table(stretch: StretchComparison, before: StretchComparison | None) -> Table | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .drawing import page_style
 from .fit_figures import UNITS, rig_pictures, structure_pictures
-from .formatting import NONE, number, quantity
+from .formatting import NONE, number, numbers, quantity
 from .html_page import on_page, render, write_page
+from .picture import Picture
 from .table import Table
 
 #: Largest correlation of white residuals, in its standard deviations.
@@ -59,14 +60,12 @@ def _row(name: str, estimate: Estimate) -> tuple[str, ...]:
 def estimate_table(parameters: dict[str, Estimate]) -> Table:
     """Return the parameters with their intervals."""
     head = ('parameter', 'value', '±', '95 % interval', 'unit', 'relative', 'start')
-    table = Table.of_rows(head, [_row(name, one) for name, one in parameters.items()])
-    return Table(
-        table.columns,
-        table.groups,
-        'Parameters',
+    note = (
         'Value, standard deviation, and the interval that holds the true value in 95 % of all '
-        'cases if the model is right.',
+        'cases if the model is right.'
     )
+    rows = [_row(name, one) for name, one in parameters.items()]
+    return Table.of_rows(head, rows, 1, 'Parameters', note)
 
 
 def interval_words(estimate: Estimate) -> str:
@@ -161,28 +160,23 @@ def correlation_table(found: RigFit) -> Table:
         )
         for k, one in enumerate(names)
     ]
-    table = Table.of_rows(('', *names), rows)
     note = 'Two parameters whose correlation is near 1 or −1 are hardly distinguished.'
-    return Table(table.columns, table.groups, 'Correlations', note)
+    return Table.of_rows(('', *names), rows, 1, 'Correlations', note)
 
 
 def check_table(found: RigFit) -> Table | None:
     """Return effects that the model leaves out, and the evidence of the data for them."""
     if not found.checks:
         return None
-    rows = [
-        (
-            check.name,
-            number(check.value, 3),
-            number(check.standard_deviation, 2),
-            check.unit,
-            number(abs(check.z), 2),
-        )
-        for check in found.checks
-    ]
-    table = Table.of_rows(('further parameter', 'value', '±', 'unit', 'over ±'), rows)
+    columns = {
+        'further parameter': [check.name for check in found.checks],
+        'value': numbers([check.value for check in found.checks], 3),
+        '±': numbers([check.standard_deviation for check in found.checks], 2),
+        'unit': [check.unit for check in found.checks],
+        'over ±': numbers([abs(check.z) for check in found.checks], 2),
+    }
     note = 'Each is 0 in the model; a value far from 0 shows where the model fails.'
-    return Table(table.columns, table.groups, 'What the model leaves out', note)
+    return Table.of_columns(columns, 1, 'What the model leaves out', note)
 
 
 def flight_table(found: RigFit) -> Table:
@@ -209,60 +203,68 @@ def flight_table(found: RigFit) -> Table:
     return Table(columns, table.groups, 'Flights', note)
 
 
-def _tiles(chi_squared: float, fit: float, more: Sequence[tuple[str, str, str]]) -> list[Any]:
-    return [
-        ('Chi squared', number(chi_squared, 3), 'residual over noise, squared; 1 is perfect'),
-        ('Fit', f'{number(fit, 4)} %', '1 − residual/motion, rms'),
-        *more,
-    ]
-
-
 def write_rig_report(
     found: RigFit, data: MeasuredMotion, start: RigParameters, directory: Path, command: str
 ) -> Path:
     """Write the page of a fit of a rig, and its numbers as report.json beside it."""
-    with page_style():
-        pictures = [
-            on_page(picture, f'p{k}', 'the fit')
-            for k, picture in enumerate(rig_pictures(found, data, _independent(found)))
-        ]
     used = sum(flight.used for flight in found.flights)
-    tiles = _tiles(
-        found.chi_squared,
-        found.fit_percent,
-        [
-            ('Impacts', str(len(found.impacts)), f'{used} of {len(found.flights)} flights used'),
-            ('Noise', f'{number(found.deviation, 3)} {UNITS[data.quantity]}', 'of a sample'),
-            (
-                'Residuals',
-                _whiteness_words(found).partition(':')[0].partition(' (')[0],
-                'whether neighbours are correlated',
-            ),
-        ],
-    )
+    words = _whiteness_words(found).partition(':')[0].partition(' (')[0]
+    tiles = [
+        ('Impacts', str(len(found.impacts)), f'{used} of {len(found.flights)} flights used'),
+        ('Noise', f'{number(found.deviation, 3)} {UNITS[data.quantity]}', 'of a sample'),
+        ('Residuals', words, 'whether neighbours are correlated'),
+    ]
     tables = [correlation_table(found), check_table(found), flight_table(found)]
-    page = render(
-        'fit.html',
-        name=_name(data),
+    page = _page(
+        *(found, data, command, start),
+        pictures=lambda: rig_pictures(found, data, _independent(found)),
         kicker='a rig fitted to measured data',
-        accepted=found.accepted,
         size=_size(found, data),
-        reasons=found.reasons,
         remarks=found.remarks + _counted_reasons(found),
-        tiles=tiles,
-        parameters=estimate_table(found.parameters),
-        pictures=pictures,
+        more=tiles,
+        parameters=found.parameters,
         tables=tables if found.parameters else [],
         origin='Between impacts M vibrates freely under its force, and m flies: both in closed '
         'form. The parameters make the record most likely; each flight was computed again by the '
         'exact engine. M is that of the start file.',
-        facts=_facts(data, command, start),
     )
     return write_page(directory, page, rig_fit_json(found, data))
 
 
-def _name(data: MeasuredMotion) -> str:
-    return Path(data.source.partition(' (')[0].partition(', ')[0]).name or data.source
+def _page(
+    found: RigFit | StructureFit,
+    data: MeasuredMotion,
+    command: str,
+    start: RigParameters | None,
+    *,
+    pictures: Callable[[], Iterable[Picture]],
+    parameters: dict[str, Estimate],
+    more: Sequence[tuple[str, str, str]] = (),
+    **content: Any,
+) -> str:
+    """Return the page of a fit, with `more` tiles than those of each fit."""
+    with page_style():
+        shown = [on_page(one, f'p{k}', 'the fit') for k, one in enumerate(pictures())]
+    tiles = [
+        (
+            'Chi squared',
+            number(found.chi_squared, 3),
+            'residual over noise, squared; 1 is perfect',
+        ),
+        ('Fit', f'{number(found.fit_percent, 4)} %', '1 − residual/motion, rms'),
+        *more,
+    ]
+    return render(
+        'fit.html',
+        name=Path(data.source.partition(' (')[0].partition(', ')[0]).name or data.source,
+        accepted=found.accepted,
+        reasons=found.reasons,
+        tiles=tiles,
+        parameters=estimate_table(parameters),
+        pictures=shown,
+        facts=_facts(data, command, start),
+        **content,
+    )
 
 
 def _facts(
@@ -329,27 +331,17 @@ def structure_text(found: StructureFit) -> str:
 
 def write_structure_report(found: StructureFit, directory: Path, command: str) -> Path:
     """Write the page of a fit of a structure, and its numbers as report.json beside it."""
-    with page_style():
-        pictures = [
-            on_page(picture, f'p{k}', 'the fit')
-            for k, picture in enumerate(structure_pictures(found))
-        ]
     data = found.data
-    page = render(
-        'fit.html',
-        name=_name(data),
+    page = _page(
+        *(found, data, command, None),
+        pictures=lambda: structure_pictures(found),
         kicker='frequency and damping of a structure',
-        accepted=found.accepted,
         size=f'{plural(int(data.used.sum()), "sample")} of {data.quantity} from '
         f'{data.time[0]:.10g} to {data.time[-1]:.10g} s.',
-        reasons=found.reasons,
         remarks=[],
-        tiles=_tiles(found.chi_squared, found.fit_percent, []),
-        parameters=estimate_table(structure_parameters(found)),
-        pictures=pictures,
+        parameters=structure_parameters(found),
         tables=[],
         origin='The most likely frequency and damping of one linear mode with white noise of the '
         'sensor; the intervals are those of the curvature of the likelihood there.',
-        facts=_facts(data, command, None),
     )
     return write_page(directory, page, found)

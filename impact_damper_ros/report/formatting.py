@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +48,11 @@ def number(value: float | None, digits: int = 6) -> str:
         return NONE
     # A number that is printed as zero has no sign.
     return f'{value + 0.0:.{digits}g}'.replace('-', _MINUS).replace('inf', '∞')
+
+
+def numbers(values: Iterable[float], digits: int = 6) -> list[str]:
+    """Return the cells of a column of numbers."""
+    return [number(value, digits) for value in values]
 
 
 def quantity(value: float, name: str, digits: int = 6, like: float | None = None) -> str:

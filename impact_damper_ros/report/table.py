@@ -29,11 +29,30 @@ class Table:
     links: Mapping[str, str] = field(default_factory=dict)  # classes of first cells, in HTML
 
     @classmethod
-    def of_rows(cls, head: Sequence[str], rows: Iterable[Sequence[Any]], texts: int = 1) -> Table:
+    def of_rows(
+        cls,
+        head: Sequence[str],
+        rows: Iterable[Sequence[Any]],
+        texts: int = 1,
+        caption: str = '',
+        note: str = '',
+    ) -> Table:
         """Return a table of one group, its first columns texts."""
-        kinds = ['text' if i < texts else 'number' for i in range(len(head))]
-        columns = [ColumnHead(*pair) for pair in zip(head, kinds, strict=True)]
-        return cls(columns, [('', list(rows))])
+        columns = [
+            ColumnHead(title, 'text' if i < texts else 'number') for i, title in enumerate(head)
+        ]
+        return cls(columns, [('', list(rows))], caption, note)
+
+    @classmethod
+    def of_columns(
+        cls,
+        columns: Mapping[str, Iterable[Any]],
+        texts: int = 1,
+        caption: str = '',
+        note: str = '',
+    ) -> Table:
+        """Return a table of one group by its columns, the first ones texts."""
+        return cls.of_rows([*columns], zip(*columns.values(), strict=True), texts, caption, note)
 
     def _cell_texts(self, cells: Iterable[Any]) -> list[str]:
         """Return the texts of cells; bars have none."""
