@@ -11,6 +11,7 @@ from impact_damper_ros.cli.needs import names_of
 #: What each command works with.
 GIVEN = {
     'compare_run': 'bag',
+    'fit_rig': 'run.csv',
     'replay_run': 'bag',
     'simulate_rig': 'bench_rig',
     'solve_periodic': 'bench_rig --impacts 2',
