@@ -228,7 +228,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar='RATIO',
         help='the lightest damper is chosen that leaves at most this part of the amplitude [0.25]',
     )
-    add_path_option(parser, '--csv', 'write the designs as a table')
     add_json_option(parser)
     add_path_option(parser, '--figure', 'draw the choice; .png, .svg or .pdf')
     add_path_option(parser, '--rig-out', 'write the chosen rig as a parameters file')
@@ -385,7 +384,6 @@ def _write(
     """Write and print the requested outputs."""
     title = rig_line(chosen.built)
     write_json(arguments.json, report.design_json(found, chosen, unsure, compared, plan))
-    write_output(arguments.csv, report.design_csv, found)
     built = chosen.rig.replace(gap=unsure.best.gap if arguments.worst_case else chosen.gap)
     write_output(arguments.rig_out, rig_yaml, built, rig_line(built))
     draw(arguments.figure, report.design_figure, found, chosen, unsure, compared, title)

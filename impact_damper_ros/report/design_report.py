@@ -26,7 +26,6 @@ from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .csv_tables import row
 from .drawing import COLORS, blank_figure, finish_panel, legend_below, print_style, unit_axis
 from .formatting import percent, quantity
 from .table import Table
@@ -294,28 +293,6 @@ def design_json(
         }
     )
     return plain
-
-
-_CSV = (
-    *('mass_ratio', 'damper_mass', 'best_gap', 'best_x_max', 'reached_from_rest', 'gap', 'x_max'),
-    *('without_damper', 'impact_speed', 'impulse', 'acceleration', 'gap_low', 'gap_high'),
-    *('level_low', 'level_high', 'frequency_low', 'frequency_high'),
-)
-
-
-def design_csv(found: Sequence[Design]) -> str:
-    """Return the designs as CSV, SI units."""
-    rows = [
-        (
-            *(d.mass_ratio, d.rig.damper_mass, d.rig.gap, d.orbit.x_max),
-            *(str(d.reached_from_rest).lower(), d.gap, d.x_max, d.bare),
-            *(d.impact_speed, d.impulse, d.acceleration, d.gap_range.low, d.gap_range.high),
-            *(d.level_range.low, d.level_range.high),
-            *(d.frequency_range.low, d.frequency_range.high),
-        )
-        for d in found
-    ]
-    return ','.join(_CSV) + '\n' + ''.join(map(row, rows))
 
 
 @print_style()
