@@ -22,17 +22,21 @@ sys.exit(sim_node.main())
     [('SIG_DFL', [signal.SIGHUP]), ('SIG_IGN', [signal.SIGTERM, signal.SIGTERM])],
 )
 def test_signals_end_the_node_with_a_complete_bag(start, before, signals):
-    rig = start(code=STARTED.format(before=before), record=True, **LIVELY)
+    lasting = before == 'SIG_IGN'
+    code = STARTED.format(before=before)
+    rig = start(code=code, record=True, predict_motion=lasting, **LIVELY)
     rig.await_states(20)
-    if before == 'SIG_IGN':
-        # It outlives its terminal.
+    if lasting:
+        # It outlives its terminal; the thread of its theory, which ends with it, prints nothing
         rig.process.send(signal.SIGHUP)
         rig.await_states(100)
+        rig.await_report('predicted motion', holds=lambda r: r.values['State'] == 'found')
     for number in signals:
         rig.process.send(number)
         time.sleep(0.01)
     rig.ended()
     assert 'recorded' in rig.process.output
+    assert 'Traceback' not in rig.process.output
     assert rig.bag()
 
 
@@ -103,14 +107,6 @@ def test_a_signal_during_start_up_ends_the_node_quietly(start):
     rig = start(code=EARLY)
     rig.ended()
     assert '[ERROR]' not in rig.process.output
-
-
-def test_ctrl_c_once_theory_is_known(start):
-    """Its thread holds up no end, and prints no traceback."""
-    rig = start(predict_motion=True, **LIVELY)
-    rig.await_report('predicted motion', holds=lambda report: report.values['State'] == 'found')
-    assert rig.process.stop() == 0
-    assert 'Traceback' not in rig.process.output
 
 
 FAILING_ENGINE = """
