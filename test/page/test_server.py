@@ -115,33 +115,34 @@ async def test_another_machine_watches_and_steers_with_the_token(tmp_path, monke
         assert (await get(server, '/', headers=strange)).code == 421
 
 
-@pytest.mark.parametrize(
-    'path',
-    [
-        *('/static/../server.py', '/static/..%2fserver.py', '/static/%2e%2e/server.py'),
-        *('/static//etc/passwd', '/static/..\\server.py', '/static/%00', '/static/'),
-        *('/recordings/../download', '/recordings/..%2f..%2fetc/download'),
-        *('/recordings/%2fetc%2fpasswd/download', '/recordings/.%2fsecret/download'),
-        *('/reports/..%2f..%2fetc/passwd', '/reports/one/..%2freport.html'),
-    ],
+PATHS = (
+    *('/static/../server.py', '/static/..%2fserver.py', '/static/%2e%2e/server.py'),
+    *('/static//etc/passwd', '/static/..\\server.py', '/static/%00', '/static/'),
+    *('/recordings/../download', '/recordings/..%2f..%2fetc/download'),
+    *('/recordings/%2fetc%2fpasswd/download', '/recordings/.%2fsecret/download'),
+    *('/reports/..%2f..%2fetc/passwd', '/reports/one/..%2freport.html'),
 )
+
+
 @in_loop
-async def test_no_path_leads_out(path, tmp_path):
+async def test_no_path_leads_out(tmp_path):
     runs = tmp_path / 'runs'
     runs.mkdir()
     (tmp_path / 'secret').mkdir()
     (tmp_path / 'secret' / 'secret_0.mcap').write_bytes(b'its content')
     async with serving(runs, FakeNetwork()) as server:
-        # As it is, without the client that tidies it up
-        reader, writer = await asyncio.open_connection('127.0.0.1', server.gate.port)
         host = f'127.0.0.1:{server.gate.port}'
-        writer.write(f'GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n'.encode())
-        answer = await reader.read()
-        writer.close()
-        await writer.wait_closed()
-        assert re.match(rb'HTTP/1.1 (400|403|404) ', answer), answer[:80]
-        assert b'its content' not in answer
-        assert b'import' not in answer
+        for path in PATHS:
+            # As it is, without the client that tidies it up
+            reader, writer = await asyncio.open_connection('127.0.0.1', server.gate.port)
+            head = f'GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n'
+            writer.write(head.encode())
+            answer = await reader.read()
+            writer.close()
+            await writer.wait_closed()
+            assert re.match(rb'HTTP/1.1 (400|403|404) ', answer), (path, answer[:80])
+            assert b'its content' not in answer, path
+            assert b'import' not in answer, path
 
 
 # Pages
@@ -209,45 +210,48 @@ async def test_a_design_holds_up_no_other_request_and_the_rig_moves_so(tmp_path)
         assert 'force_amplitudes' not in knobs
 
 
-@pytest.mark.parametrize(
-    ('text', 'words'),
-    [
-        *((text, 'the message cannot be read') for text in ('', '{', '[' * 60_000)),
-        *((text, 'a message must be a JSON object') for text in ('[]', 'null', '3')),
-        # What JSON does not have, or no number can hold
-        ('{"type": "set", "values": {"gap": NaN}}', 'NaN is not a number in JSON'),
-        ('{"type": "set", "values": {"gap": 1e400}}', '1e400 is too large for a number'),
-        (f'{{"type": "seek", "time": 1{"0" * 400}}}', 'is too large for a number'),
-        *((f'{{"type": {kind}}}', 'is no request: give one of view') for kind in ('1', '"off"')),
-        # Each field of each request by its name
-        *(
-            (json.dumps({'type': kind}), f'{kind} has no {next(iter(fields))}')
-            for kind, fields in REQUESTS.items()
-        ),
-        *(
-            (json.dumps({'type': kind, **{key: [] for key in fields}}), f' of {kind} is []: give')
-            for kind, fields in REQUESTS.items()
-        ),
-        ('{"type": "set", "values": {"gap": {"text": "1"}}}', 'gap has no unit'),
-        ('{"type": "set", "values": {"a": {"text": "1"}}}', 'a is not a parameter'),
-        ('{"type": "service", "name": "shutdown"}', 'shutdown is not a service'),
-        ('{"type": "seek", "time": 1}', 'seek is not a request for a live rig'),
-        ('{"type": "compare", "recording": "a", "on": true}', 'there is no recording a'),
-    ],
-)
+#: Messages, and what they are answered
+MESSAGES = [
+    *((text, 'the message cannot be read') for text in ('', '{', '[' * 60_000)),
+    *((text, 'a message must be a JSON object') for text in ('[]', 'null', '3')),
+    # What JSON does not have, or no number can hold
+    ('{"type": "set", "values": {"gap": NaN}}', 'NaN is not a number in JSON'),
+    ('{"type": "set", "values": {"gap": 1e400}}', '1e400 is too large for a number'),
+    (f'{{"type": "seek", "time": 1{"0" * 400}}}', 'is too large for a number'),
+    *((f'{{"type": {kind}}}', 'is no request: give one of view') for kind in ('1', '"off"')),
+    # Each field of each request by its name
+    *(
+        (json.dumps({'type': kind}), f'{kind} has no {next(iter(fields))}')
+        for kind, fields in REQUESTS.items()
+    ),
+    *(
+        (json.dumps({'type': kind, **{key: [] for key in fields}}), f' of {kind} is []: give')
+        for kind, fields in REQUESTS.items()
+    ),
+    ('{"type": "set", "values": {"gap": {"text": "1"}}}', 'gap has no unit'),
+    ('{"type": "set", "values": {"a": {"text": "1"}}}', 'a is not a parameter'),
+    ('{"type": "service", "name": "shutdown"}', 'shutdown is not a service'),
+    ('{"type": "seek", "time": 1}', 'seek is not a request for a live rig'),
+    ('{"type": "compare", "recording": "a", "on": true}', 'there is no recording a'),
+]
+
+
 @in_loop
-async def test_every_message_is_answered_and_does_no_harm(text, words, tmp_path, monkeypatch):
+async def test_every_message_is_answered_and_does_no_harm(tmp_path, monkeypatch):
     monkeypatch.setattr('traceback.print_exc', lambda: None)
     async with live_page(tmp_path) as (link, page):
         await page.until(lambda: page.frames)
-        await page.socket.write_message(text)
-        answer = await page.until(
-            lambda: [m for m in page.messages if m.get('ok') is False], text[:80]
-        )
-        assert words in answer[0]['reason']
-        seen = len(page.frames)
-        link.run(0.2)
-        await page.until(lambda: len(page.frames) > seen)
+        for text, words in MESSAGES:
+            before, seen = len(page.messages), len(page.frames)
+            await page.socket.write_message(text)
+
+            def refused(before=before):
+                return [m for m in page.messages[before:] if m.get('ok') is False]
+
+            answer = await page.until(refused, text[:80])
+            assert words in answer[0]['reason'], text[:80]
+            link.run(0.2)
+            await page.until(lambda seen=seen: len(page.frames) > seen, text[:80])
 
 
 @in_loop
