@@ -108,7 +108,7 @@ THEORY = {
     periodic_problem: ('Node', 'impact_nodes', '_counting', '_upwards'),
     search: ('counted_as', 'within_theory'),
     solved_orbits: ('after_impact', 'counted_from_zero', 'orbit_of'),
-    kernel_tasks: ('compute', 'SOLVE', 'CORRECT', 'GO_ON', 'LOCATE', 'FIND_ROOTS'),
+    kernel_tasks: ('compute', 'SOLVE', 'CORRECT', 'GO_ON', 'LOCATE', 'FIND_STARTS', 'FIND_ROOTS'),
     viability: ('_fault_at', 'FAULT', 'RIGHT'),
 }
 ROOTS |= {name: getattr(module, name) for module, names in THEORY.items() for name in names}

@@ -200,16 +200,24 @@ class PeriodicProblem {
     return this.compute(SOLVE, true, LEAST_RESIDUAL, RESIDUAL_TOLERANCE)[0] ? this.solution(this.parameters) : null;
   }
 
+  /** Room for roots in rows. */
+  rowsOfRoots(count) { return rowsOf(count, this.width - 1 + KIND + NEWTON_STEPS + 1 + COLUMNS * this.nodes.length); }
+
+  /** The solution in a row of roots. */
+  solutionOf(row) {
+    const values = [...row].slice(this.width - 1);
+    const cells = values.splice(KIND + NEWTON_STEPS + 1);
+    return this.solution(this.parameters, values, values.slice(KIND), this.nodes.map((_, n) => cells.slice(n * COLUMNS, (n + 1) * COLUMNS)));
+  }
+
   /** The solution that the kernels have reached, of a rig. */
-  solution(parameters) {
-    const [marks, table] = [this.sheet[MARKS], this.table.map((row) => [...row])];
+  solution(parameters, marks = [...this.sheet[MARKS]], history = [...this.sheet[HISTORY]], table = this.table.map((row) => [...row])) {
     const ends = table.map((row) => row.slice(END, END + 4));
-    const history = [...this.sheet[HISTORY]];
     const viable = marks[VIABLE] > 0;
     const faults = viable ? [] : table.flatMap((row, n) => (row[FAULT] === RIGHT ? [] : [_fault_at(this.arrays.nodes, n, table)]));
     return {
       problem: this, parameters, viable, cycle: this.cycle, table: table, residual: marks[RESIDUAL], history: history.slice(0, history.indexOf(-1)),
-      multipliers: multipliersOfMap(marks.subarray(MAP), marks[SIZE]), x_max: marks[X_MAX], reason: faults.join('; '),
+      multipliers: multipliersOfMap(marks.slice(MAP), marks[SIZE]), x_max: marks[X_MAX], reason: faults.join('; '),
       states: Matrix.of(table.map((row) => row.slice(0, 4))), instants: Matrix.of(table.map((row) => row[INSTANT])), before: Matrix.of([last(ends), ...ends.slice(0, -1)]),
     };
   }
@@ -350,17 +358,21 @@ function* orbitsOfTheory(parameters, cycles) {
   const size = 4 * stops.length;
   const scan = (first, end, points) => {
     for (let room = ROWS_OF_TRACE; ;) {
-      const rows = rowsOf(room + 1, 2 * size + 1);
+      const rows = rowsOf(room + 1, size + 1);
       last(rows)[0] = points;
-      const [, count] = problem.compute(FIND_ROOTS, true, first, end, rows);
-      if (count <= room) return rows.slice(0, count).map((row) => row.slice(0, size));
+      const [, count] = problem.compute(FIND_STARTS, true, first, end, rows);
+      if (count <= room) return rows.slice(0, count);
       room = count;
     }
   };
   const points = Math.min(1e5, Math.ceil(POINTS_PER_CYCLE * cycles * Math.max(1, parameters.omega / parameters.first_harmonic[1])));
   const symmetric = stops.length > 1 && cycles % 2 && constants.restitution_1 === constants.restitution_2 && constants.slope === 0;
-  for (const place of [...(symmetric ? scan(0, -1, 0) : []), ...scan(0, points + 24, points)]) {
-    const orbit = orbitOf(problem.solveFrom(place));
+  const starts = [...(symmetric ? scan(0, -1, 0) : []), ...scan(0, points + 24, points)];
+  const rows = problem.rowsOfRoots(starts.length);
+  starts.forEach((start, n) => rows[n].set(start));
+  const [, count] = problem.compute(FIND_ROOTS, true, 0, 0, rows);
+  for (const row of rows.slice(0, count)) {
+    const orbit = orbitOf(problem.solutionOf(row));
     if (!orbit.repeats(1e-7)) yield orbit;
   }
 }

@@ -171,7 +171,8 @@ DERIVATIVE, SPACE, BEST_DERIVATIVE = range(3)
 LENGTH, SPEED, CYCLES, CONTACTS, BASE, BASE_END, BASE_ORDER = range(7)
 UNKNOWNS, ROW_OF, UNKNOWN_OF, LEAD = range(4)
 _NEED = 4
-_TURN = 6.283185307179586
+#: rad
+FULL_TURN = 6.283185307179586
 
 
 @kernel(inline=True)
@@ -295,7 +296,7 @@ def pull_by_base(rig: Any, first: int, order: int) -> None:
     if order == 2:
         rig[first] = -rig[first]
     elif order == 1:
-        rig[first + 2] -= 0.25 * _TURN
+        rig[first + 2] -= 0.25 * FULL_TURN
     rig[first] *= hypot(rig[STIFFNESS], rig[DAMPING] * rate)
     rig[first + 2] += atan2(rig[DAMPING] * rate, rig[STIFFNESS])
 
@@ -327,6 +328,19 @@ def unit_of_unknown(problem: Problem, coordinate: int) -> float:
 
 
 @kernel
+def period_of_motion(problem: Problem) -> float:
+    """Return the period, s."""
+    period: float = problem.sheet[UNITS, CYCLES] * FULL_TURN / problem.sheet[RIG, FIRST_LINE + 1]
+    return period
+
+
+@kernel
+def natural_rate(problem: Problem) -> float:
+    """Return the natural frequency of M, rad/s."""
+    return sqrt(problem.sheet[RIG, STIFFNESS] / problem.sheet[RIG, MASS])
+
+
+@kernel
 def spread(problem: Problem) -> None:
     """Write the states and instants at the place, and the durations of the flights."""
     table, unknowns = problem.table, problem.places[UNKNOWNS]
@@ -334,11 +348,10 @@ def spread(problem: Problem) -> None:
     for i in range(coordinates(problem) - 1):
         k = unknowns[i]
         table[k // 5, k % 5] = problem.sheet[PLACE, i] * unit_of_unknown(problem, k % 5)
-    period = problem.sheet[UNITS, CYCLES] * _TURN / problem.sheet[RIG, FIRST_LINE + 1]
     for j in range(count):
         span = table[(j + 1) % count, INSTANT] - table[j, INSTANT]
         if j == count - 1:
-            span += period
+            span += period_of_motion(problem)
         table[j, SPAN] = span
 
 
@@ -390,15 +403,12 @@ def write_equation(problem: Problem, j: int, r: int, with_derivative: bool) -> N
         if node.returns:
             # The equation of a bounce has the mean velocity, not the way: otherwise two impacts at
             # once would be a solution.
-            scale /= sqrt(problem.sheet[RIG, STIFFNESS] / problem.sheet[RIG, MASS]) * flight[SPAN]
+            scale /= natural_rate(problem) * flight[SPAN]
     elif r == _NEED:
         away = 1.0 if before.last == 2 else -1.0
         value = flight[RATE_END + 1] - constants.slope - away * constants.air
         value -= node.gives * constants.grip
-        scale = 1.0 / (
-            problem.sheet[UNITS, SPEED]
-            * sqrt(problem.sheet[RIG, STIFFNESS] / problem.sheet[RIG, MASS])
-        )
+        scale = 1.0 / (problem.sheet[UNITS, SPEED] * natural_rate(problem))
     problem.sheet[VALUE, row] = value * scale
     if not with_derivative:
         return

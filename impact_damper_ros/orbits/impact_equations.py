@@ -22,6 +22,7 @@ from .closed_flights import (
     BEST_DERIVATIVE,
     END,
     FROM_AFTER,
+    FULL_TURN,
     HALF,
     INSTANT,
     MATRIX,
@@ -33,12 +34,11 @@ from .closed_flights import (
     Problem,
     fly,
     matrix_row,
+    natural_rate,
     restitution_at,
     spread,
     unit_of_unknown,
 )
-
-HALF_TURN = 3.141592653589793
 
 
 @kernel
@@ -177,11 +177,11 @@ def write_linear_system(problem: Problem) -> int:
     sheet = problem.sheet
     count = len(problem.nodes)
     first = begin_system(problem, count + 3)
-    rate = sqrt(sheet[RIG, STIFFNESS] / sheet[RIG, MASS])
+    rate = natural_rate(problem)
     for j in range(count):
         ahead = fly_from_rest(problem, j, 0.0)
-        aside = fly_from_rest(problem, j, 0.5 * HALF_TURN)
-        back = fly_from_rest(problem, j, HALF_TURN)
+        aside = fly_from_rest(problem, j, 0.25 * FULL_TURN)
+        back = fly_from_rest(problem, j, 0.5 * FULL_TURN)
         add_flight(problem, first, j)
         for k in range(2):
             row = first + j + k * count

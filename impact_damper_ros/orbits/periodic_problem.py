@@ -36,6 +36,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .arclength import (
     COORDINATES,
+    KIND,
     MAP,
     RESIDUAL,
     SIZE,
@@ -308,19 +309,29 @@ class PeriodicProblem:
 
     def solve(self, states: Array, instants: Array) -> Solution | None:
         """Return the solution to which Newton's method converges from a guess, or None."""
-        return self.solve_from(self.unknowns(states, instants))
-
-    def solve_from(self, place: Array) -> Solution | None:
-        """Return the solution to which Newton's method converges from a place, or None."""
-        self.place[:-1] = place
+        self.place[:-1] = self.unknowns(states, instants)
         if not self.compute(SOLVE, True, LEAST_RESIDUAL, RESIDUAL_TOLERANCE)[0]:
             return None
         return self.solution(self.parameters)
 
     def solution(self, rig: RigParameters) -> Solution:
         """Return the solution that the kernels have reached, of a rig."""
-        table, sheet = self.arrays.table.copy(), self.arrays.sheet
-        marks, history = sheet[MARKS].tolist(), sheet[HISTORY].tolist()
+        sheet = self.arrays.sheet
+        return self._solution(rig, sheet[MARKS], sheet[HISTORY], self.arrays.table.copy())
+
+    def rows_of_roots(self, count: int) -> Array:
+        """Return room for roots in rows, as `root_search.write_root` has them."""
+        width = self.layout.unknowns + KIND + NEWTON_STEPS + 1 + self.arrays.table.size
+        return np.zeros((count, width))
+
+    def solution_of(self, row: Array) -> Solution:
+        """Return the solution in a row of roots."""
+        marks, rest = row[self.layout.unknowns :][:KIND], row[self.layout.unknowns + KIND :]
+        history, table = np.split(rest, [NEWTON_STEPS + 1])
+        return self._solution(self.parameters, marks, history, table.reshape(-1, COLUMNS))
+
+    def _solution(self, rig: RigParameters, notes: Array, past: Array, table: Array) -> Solution:
+        marks, history = notes.tolist(), past.tolist()
         return Solution(
             problem=self,
             parameters=rig,
@@ -328,7 +339,7 @@ class PeriodicProblem:
             table=table,
             residual=marks[RESIDUAL],
             history=tuple(history[: history.index(-1.0)]),
-            multipliers=multipliers_of_map(np.array(marks[MAP : MAP + 16]), int(marks[SIZE])),
+            multipliers=multipliers_of_map(notes[MAP : MAP + 16], int(marks[SIZE])),
             viable=marks[VIABLE] > 0.0,
             x_max=marks[X_MAX],
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All motions of impacts alone to which starts lead, each once, in kernels."""
+"""All motions of impacts alone to which starts lead, each once, in a kernel."""
 
 from __future__ import annotations
 
@@ -9,12 +9,21 @@ from typing import Any
 from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.motion.state import FIRST_LINE
 
-from .arclength import VIABLE, solve_fixed
-from .closed_flights import END, LENGTH, MARKS, PLACE, RIG, UNITS, Problem, coordinates
-from .impact_equations import HALF_TURN
-from .newton import LEAST_RESIDUAL, RESIDUAL_TOLERANCE
-from .start_scan import find_starts
-from .variable_projection import REACHED, approach_roots
+from .arclength import KIND, solve_fixed
+from .closed_flights import (
+    COLUMNS,
+    END,
+    FULL_TURN,
+    HISTORY,
+    LENGTH,
+    MARKS,
+    PLACE,
+    RIG,
+    UNITS,
+    Problem,
+    coordinates,
+)
+from .newton import LEAST_RESIDUAL, NEWTON_STEPS, RESIDUAL_TOLERANCE
 
 #: Residual of a start that may lead to a root.
 _CLOSE = 1e-6
@@ -40,55 +49,57 @@ def is_known(problem: Problem, rows: Any, found: int, tolerance: float) -> bool:
     """Return whether the place is a root that the rows have, up to whole cycles of the force."""
     sheet = problem.sheet
     count = coordinates(problem) - 1
-    turn = 2.0 * HALF_TURN
     for r in range(found):
-        whole = turn * floor((sheet[PLACE, 3] - rows[r, count + 3]) / turn + 0.5)
+        whole = FULL_TURN * floor((sheet[PLACE, 3] - rows[r, 3]) / FULL_TURN + 0.5)
         apart = 0.0
         for i in range(0, count, 4):
             size = max(1.0, abs(sheet[PLACE, i]))
-            late = sheet[PLACE, i + 3] - rows[r, count + i + 3] - whole
-            apart = max(apart, abs(sheet[PLACE, i] - rows[r, count + i]) / size, abs(late) / turn)
+            late = sheet[PLACE, i + 3] - rows[r, i + 3] - whole
+            away = abs(sheet[PLACE, i] - rows[r, i]) / size
+            apart = max(apart, away, abs(late) / FULL_TURN)
         if apart < tolerance:
             return True
     return False
 
 
 @kernel
-def find_roots(problem: Problem, rows: Any, first: int, end: int) -> tuple[int, int]:
-    """
-    Write the starts that lead to roots into rows: start, root, and whether the rig can perform it.
+def write_root(problem: Problem, row: Any) -> None:
+    """Write a root into a row: the place, the notes, the residuals on the way, and the flights."""
+    sheet, table = problem.sheet, problem.table
+    count = coordinates(problem) - 1
+    for i in range(count):
+        row[i] = sheet[PLACE, i]
+    for i in range(KIND):
+        row[count + i] = sheet[MARKS, i]
+    count += KIND
+    for i in range(NEWTON_STEPS + 1):
+        row[count + i] = sheet[HISTORY, i]
+    count += NEWTON_STEPS + 1
+    for j in range(len(problem.nodes)):
+        for k in range(COLUMNS):
+            row[count + j * COLUMNS + k] = table[j, k]
 
-    For one and two impacts `first` and `end` are a part of the scan of `find_starts`. Where both
-    are 0 the rows begin with starts of given instants. The function returns how many of these
-    converged, and the number of roots; or of starts, if there are too few rows.
+
+@kernel
+def find_roots(problem: Problem, rows: Any, first: int, found: int) -> int:
+    """
+    Write the roots to which starts lead into the first rows; return their number.
+
+    Some of these are `found` already. The rows from the `first` one on are starts, with their
+    residuals.
     """
     sheet = problem.sheet
     count = coordinates(problem) - 1
-    if end == 0:
-        starts = approach_roots(problem, rows)
-    else:
-        starts = find_starts(problem, rows, first, end)
-        if starts >= len(rows):
-            return 0, starts
-    converged = 0
-    found = 0
-    for s in range(starts):
-        if end == 0:
-            if rows[s, count] <= REACHED:
-                converged += 1
-            if not rows[s, count] < _CLOSE:
-                continue
+    for s in range(first, len(rows)):
+        if not rows[s, count] < _CLOSE:
+            continue
         for i in range(count):
             sheet[PLACE, i] = rows[s, i]
         if is_known(problem, rows, found, _NEAR_ROOT):
             continue
         if not solve_fixed(problem, LEAST_RESIDUAL, RESIDUAL_TOLERANCE) or not has_speeds(problem):
             continue
-        if is_known(problem, rows, found, _SAME_ROOT):
-            continue
-        for i in range(count):
-            rows[found, i] = rows[s, i]
-            rows[found, count + i] = sheet[PLACE, i]
-        rows[found, 2 * count] = sheet[MARKS, VIABLE]
-        found += 1
-    return converged, found
+        if not is_known(problem, rows, found, _SAME_ROOT):
+            write_root(problem, rows[found])
+            found += 1
+    return found

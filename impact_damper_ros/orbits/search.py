@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -396,9 +395,7 @@ def _simpler_orbits(
             continue
         if len(set(word)) == 1 and not pressed_to(machine, word[0]):
             continue
-        for orbit in filter(
-            attrgetter('viable'), _theory(simple, word, k, starts, viable=True)[0]
-        ):
+        for orbit in _theory(simple, word, k, starts, viable=True)[0]:
             for first in range(1 if single else k):
                 phases = (first + k * i + phase for i in range(times) for phase in orbit.phases)
                 columns = {name: getattr(orbit, name) * times for name in ('stops', *AT_IMPACTS)}

@@ -23,6 +23,7 @@ from .closed_flights import (
     BEHIND,
     BEST_DERIVATIVE,
     CYCLES,
+    FULL_TURN,
     LEAD,
     LENGTH,
     PLACE,
@@ -32,7 +33,7 @@ from .closed_flights import (
     Problem,
     matrix_row,
 )
-from .impact_equations import HALF_TURN, set_coefficients, write_linear_system, write_velocities
+from .impact_equations import write_linear_system, write_velocities
 
 #: A smaller W, relative to the vector, counts as zero.
 _VANISHING = 1e-12
@@ -197,7 +198,7 @@ def add_symmetric_starts(problem: Problem, starts: Any) -> int:
     """
     sheet = problem.sheet
     sheet[PLACE, 3] = 0.0
-    sheet[PLACE, 7] = 0.5 * HALF_TURN * 2.0 * sheet[UNITS, CYCLES]
+    sheet[PLACE, 7] = 0.5 * FULL_TURN * sheet[UNITS, CYCLES]
     first = write_linear_system(problem)
     for i in range(2):
         row = first + 2 * i
@@ -218,7 +219,7 @@ def look(problem: Problem, share: float) -> tuple[float, float]:
     """
     sheet = problem.sheet
     sheet[PLACE, 3] = 0.0
-    sheet[PLACE, 7] = share * 2.0 * HALF_TURN * sheet[UNITS, CYCLES]
+    sheet[PLACE, 7] = share * FULL_TURN * sheet[UNITS, CYCLES]
     write_linear_system(problem)
     scale_system(problem, 4, 5)
     product = eliminate(problem, 4, 5)
@@ -337,7 +338,6 @@ def find_starts(problem: Problem, starts: Any, first: int, end: int) -> int:
     For one impact these are all starts; for two they are those in a part of a scan, whose number
     of points is in the last row, or those of a symmetric motion, if the part ends before 0.
     """
-    set_coefficients(problem)
     if len(problem.nodes) == 1:
         return add_starts_of_one(problem, starts)
     if end < 0:

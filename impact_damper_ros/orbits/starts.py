@@ -11,12 +11,14 @@ import numpy as np
 from impact_damper_ros.motion.kernels import on_threads
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
+from .arclength import VIABLE
 from .arguments import OrbitError, check_forcing, check_stops
 from .closed_flights import BEST_DERIVATIVE
 from .flights import machine_of
-from .kernel_tasks import FIND_ROOTS, LINEAR_SYSTEM
+from .kernel_tasks import APPROACH_ROOTS, FIND_ROOTS, FIND_STARTS, LINEAR_SYSTEM
 from .periodic_problem import PeriodicProblem, Solution, impact_nodes
 from .response import Array
+from .variable_projection import REACHED
 
 
 class ImpactEquations:
@@ -73,9 +75,6 @@ class ImpactEquations:
         self.problem = PeriodicProblem(parameters, impact_nodes(stops), cycles)
         self.period = self.problem.period
 
-    def _set_instants(self, instants: Array) -> None:
-        self.problem.place[3:-1:4] = self.frequency * instants
-
     def linear_system(self, instants: Array) -> Array:
         """
         Return the equations for fixed instants after the first impact, (N,), s.
@@ -84,19 +83,10 @@ class ImpactEquations:
         the force's phase at the first impact; displacements first, then velocities over the
         natural frequency.
         """
-        self._set_instants(instants)
+        self.problem.place[3:-1:4] = self.frequency * instants
         self.problem.compute(LINEAR_SYSTEM, True, 0.0, 0.0)
         rows = self.problem.matrix(BEST_DERIVATIVE)[: 2 * self.impacts, : self.impacts + 3]
         return rows.copy()
-
-    def states(self, x: Array, instants: Array) -> Array:
-        """Return the states just after the impacts in the form of `PeriodicProblem`, (N, 4)."""
-        self._set_instants(instants)
-        self.problem.place[:-1:4] = x / self.problem.length
-        self.problem.compute(LINEAR_SYSTEM, True, 1.0, 0.0)
-        place = self.problem.place[:-1].reshape(-1, 4)
-        speed = float(self.problem.units[1])
-        return np.stack([x, speed * place[:, 1], 0.0 * x, speed * place[:, 2]], axis=-1)
 
 
 #: Step of R from one rig with constant R to the next.
@@ -165,8 +155,6 @@ _MOST_AT_ONCE = 2_000_000
 _PARTS = 4
 #: First number of rows for the roots of a part of a scan.
 _ROOM = 64
-#: Roots that differ by less, relative to the period and to the displacements, are solved once.
-_SAME = 1e-6
 
 
 def _instants(equations: ImpactEquations, numbers: range) -> Array:
@@ -193,25 +181,24 @@ def _instants(equations: ImpactEquations, numbers: range) -> Array:
     return instants
 
 
-def _find(part: _Part) -> tuple[Array, int]:
-    """Return the rows of `root_search` for a part, and how many of its starts converged."""
+def _starts(part: _Part) -> Array:
+    """Return the starts of a part, each with its residual."""
     like = part.equations
     # Each thread has its problem.
     problem = PeriodicProblem(like.parameters, like.problem.nodes, like.cycles)
-    width = 8 * like.impacts + 1
+    width = 4 * like.impacts + 1
     if not part.points:
         rows = np.zeros((part.end - part.first, width))
-        instants = _instants(like, range(part.first, part.end))
-        rows[:, 3 : 4 * like.impacts : 4] = like.frequency * instants
-        converged, count = problem.compute(FIND_ROOTS, True, 0.0, 0.0, rows)
-        return rows[:count], converged
+        rows[:, 3:-1:4] = like.frequency * _instants(like, range(part.first, part.end))
+        problem.compute(APPROACH_ROOTS, True, 0.0, 0.0, rows)
+        return rows
     count, room = _ROOM, 0
     while count > room:
         room = count
         rows = np.zeros((room + 1, width))
         rows[-1, 0] = part.points
-        _, count = problem.compute(FIND_ROOTS, True, part.first, part.end, rows)
-    return rows[:count], 0
+        _, count = problem.compute(FIND_STARTS, True, part.first, part.end, rows)
+    return rows[:count]
 
 
 def impact_roots(
@@ -228,35 +215,30 @@ def impact_roots(
         Number of systematic starts; if not given, the equations of one or two impacts are
         scanned, and all their motions are found.
     viable : bool, optional
-        Whether motions that a rig with constant R cannot perform are left out.
+        Whether motions that the rig cannot perform are left out.
 
     Returns
     -------
     roots, converged : list of Solution, int
         The motions, and how many of the systematic starts converged.
     """
-    rigs = _with_constant_restitution(equations)
+    rigs, size = _with_constant_restitution(equations), 4 * equations.impacts
+    most = max(1, _MOST_AT_ONCE // size**3)
     if starts is None:
         parts = [part for rig in rigs for part in _scan_parts(rig)]
     else:
-        most = max(1, _MOST_AT_ONCE // (4 * equations.impacts) ** 3)
         share = max(1, min(most, math.ceil(starts / len(rigs)), math.ceil(starts / _PARTS)))
         firsts = range(0, starts, share)
         parts = [
             _Part(rigs[k % len(rigs)], first, min(first + share, starts))
             for k, first in enumerate(firsts)
         ]
-    size = 4 * equations.impacts
-    found = on_threads(_find, parts)
-    rows = np.concatenate([np.zeros((0, 2 * size + 1)), *(part for part, _ in found)])
-    if viable and len(rigs) == 1:
-        rows = rows[rows[:, -1] > 0.0]
-    # A root that several parts have found is solved once.
-    roots = rows[:, size:-1].reshape(-1, equations.impacts, 4)
-    phases = roots[..., 3] / math.tau
-    phases -= np.floor(phases[:, :1])
-    keys = np.round(np.concatenate([phases, roots[..., 0]], axis=1) / _SAME)
-    _, first = np.unique(keys, axis=0, return_index=True)
-    solutions = (equations.problem.solve_from(rows[k, :size]) for k in sorted(first))
-    kept = [solution for solution in solutions if solution is not None]
-    return kept, sum(converged for _, converged in found)
+    begun = np.concatenate([np.zeros((0, size + 1)), *on_threads(_starts, parts)])
+    problem, count = equations.problem, 0
+    rows = problem.rows_of_roots(len(begun))
+    rows[:, : size + 1] = begun
+    for first in range(0, len(rows), most):
+        _, count = problem.compute(FIND_ROOTS, True, first, count, rows[: first + most])
+    kept = [row for row in rows[:count] if row[size + VIABLE] > 0.0 or not viable]
+    converged = 0 if starts is None else int((begun[:, -1] <= REACHED).sum())
+    return [problem.solution_of(row) for row in kept], converged

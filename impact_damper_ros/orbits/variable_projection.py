@@ -46,6 +46,7 @@ from .closed_flights import (
     coordinates,
     fly,
     matrix_row,
+    natural_rate,
     spread,
     unit_of_unknown,
 )
@@ -53,7 +54,6 @@ from .impact_equations import (
     add_flight,
     begin_system,
     damper_velocities,
-    set_coefficients,
     share_of_leaving,
     velocity_after,
     write_velocities,
@@ -160,7 +160,7 @@ def write_derivative(problem: Problem) -> None:
     sheet, table = problem.sheet, problem.table
     count = len(problem.nodes)
     column, first = count + 3, matrix_row(problem, BEST_DERIVATIVE)
-    rate = sqrt(sheet[RIG, STIFFNESS] / sheet[RIG, MASS])
+    rate = natural_rate(problem)
     for j in range(count):
         row = table[j]
         late = (j + 1) % count
@@ -268,7 +268,6 @@ def approach_roots(problem: Problem, starts: Any) -> int:
     """Bring starts of given instants close to roots; the residual is the last entry of a row."""
     sheet = problem.sheet
     count = coordinates(problem) - 1
-    set_coefficients(problem)
     for s in range(len(starts)):
         for i in range(count):
             sheet[PLACE, i] = starts[s, i]

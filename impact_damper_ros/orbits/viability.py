@@ -33,13 +33,12 @@ from impact_damper_ros.motion.impact import strike
 from impact_damper_ros.motion.kernels import kernel
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
 from impact_damper_ros.motion.oscillator import POINTS
-from impact_damper_ros.motion.state import FIRST_LINE, FREE, STICK, Moving
+from impact_damper_ros.motion.state import FREE, STICK, Moving
 
-from .closed_flights import CYCLES, END, FAULTS, RIG, SPAN, UNITS, NodeRow, Problem, begin_at
+from .closed_flights import END, FAULTS, SPAN, NodeRow, Problem, begin_at, period_of_motion
 
 #: An impact that is earlier than assumed by this share of the period is another one.
 _TIME_TOLERANCE = 1e-7
-_CYCLE = 6.283185307179586
 #: Distance at which the search goes on after a turning point, in steps of the grid: closer turning
 #: points have equal displacements.
 _BEYOND = 1e-5
@@ -174,12 +173,7 @@ def judge(problem: Problem) -> tuple[bool, float]:
     """Write the faults of known flights; return whether there are none, and the largest |X|."""
     moving, table = problem.moving, problem.table
     count = len(problem.nodes)
-    tolerance = (
-        _TIME_TOLERANCE
-        * _CYCLE
-        * problem.sheet[UNITS, CYCLES]
-        / problem.sheet[RIG, FIRST_LINE + 1]
-    )
+    tolerance = _TIME_TOLERANCE * period_of_motion(problem)
     viable = True
     ordered = True
     for j in range(count):
