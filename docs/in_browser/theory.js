@@ -366,8 +366,7 @@ function* orbitsOfTheory(parameters, cycles) {
     }
   };
   const points = Math.min(1e5, Math.ceil(POINTS_PER_CYCLE * cycles * Math.max(1, parameters.omega / parameters.first_harmonic[1])));
-  const symmetric = stops.length > 1 && cycles % 2 && constants.restitution_1 === constants.restitution_2 && constants.slope === 0;
-  const starts = [...(symmetric ? scan(0, -1, 0) : []), ...scan(0, points + 24, points)];
+  const starts = scan(0, points + 24, points);
   const rows = problem.rowsOfRoots(starts.length);
   starts.forEach((start, n) => rows[n].set(start));
   const [, count] = problem.compute(FIND_ROOTS, true, 0, 0, rows);

@@ -6,7 +6,6 @@ from __future__ import annotations
 import io
 import re
 import stat
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -74,6 +73,8 @@ def read_sheet(path: Path) -> Sheet:
 
 def _unpack(source: str, content: bytes) -> bytes:
     """Return the one table of a phone's export."""
+    import zipfile
+
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             tables = [

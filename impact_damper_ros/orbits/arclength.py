@@ -33,6 +33,7 @@ from .closed_flights import (
     UNITS,
     Problem,
     coordinates,
+    swap_rows,
     vary,
 )
 from .multipliers import write_monodromy
@@ -76,10 +77,7 @@ def determinant(sheet: Any, first: int, count: int) -> float:
             return 0.0
         if pivot != k:
             product = -product
-            for c in range(k, count):
-                upper = sheet[first + k, c]
-                sheet[first + k, c] = sheet[first + pivot, c]
-                sheet[first + pivot, c] = upper
+            swap_rows(sheet, first + k, first + pivot, k, count)
         product *= sheet[first + k, k]
         for i in range(k + 1, count):
             factor = sheet[first + i, k] / sheet[first + k, k]
@@ -302,10 +300,7 @@ def locate(problem: Problem, trace: Any, row: int, test: int, in_order: bool, pl
     if test == VIABLE:
         swapped = trace[far, VIABLE] > 0.0
     if swapped:
-        for i in range(trace.shape[1]):
-            other = trace[near, i]
-            trace[near, i] = trace[far, i]
-            trace[far, i] = other
+        swap_rows(trace, near, far, 0, trace.shape[1])
     trace[near, KIND], trace[far, KIND] = test, BEYOND
     trace[near, NEARER], trace[near, FARTHER] = nearer, farther
     trace[near, CONVERGED] = converged

@@ -287,6 +287,15 @@ def matrix_row(problem: Problem, number: int) -> int:
 
 
 @kernel
+def swap_rows(sheet: Any, one: int, other: int, begin: int, end: int) -> None:
+    """Exchange two rows, in some columns."""
+    for i in range(begin, end):
+        value = sheet[one, i]
+        sheet[one, i] = sheet[other, i]
+        sheet[other, i] = value
+
+
+@kernel
 def pull_by_base(rig: Any, first: int, order: int) -> None:
     """Make the numbers of a line of the base those of its force, as `BaseMotion.force`."""
     rate = rig[first + 1]

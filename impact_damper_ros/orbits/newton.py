@@ -34,6 +34,7 @@ from .closed_flights import (
     coordinates,
     fly_all,
     matrix_row,
+    swap_rows,
     unit_of_unknown,
     vary,
     write_equations,
@@ -76,10 +77,7 @@ def solve_linear(problem: Problem, count: int, solution: int) -> None:
             continue
         scale = max(scale, abs(sheet[first + pivot, k]))
         if pivot != row:
-            for i in range(k, count):
-                upper = sheet[first + row, i]
-                sheet[first + row, i] = sheet[first + pivot, i]
-                sheet[first + pivot, i] = upper
+            swap_rows(sheet, first + row, first + pivot, k, count)
             upper = sheet[VALUE, row]
             sheet[VALUE, row] = sheet[VALUE, pivot]
             sheet[VALUE, pivot] = upper

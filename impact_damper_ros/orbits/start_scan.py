@@ -32,6 +32,7 @@ from .closed_flights import (
     VALUE,
     Problem,
     matrix_row,
+    swap_rows,
 )
 from .impact_equations import write_linear_system, write_velocities
 
@@ -76,10 +77,7 @@ def eliminate(problem: Problem, rows: int, columns: int) -> float:
         other = order[k]
         order[k] = order[column]
         order[column] = other
-        for c in range(columns):
-            upper = sheet[first + k, c]
-            sheet[first + k, c] = sheet[first + row, c]
-            sheet[first + row, c] = upper
+        swap_rows(sheet, first + k, first + row, 0, columns)
         product *= abs(sheet[first + k, order[k]])
         if product == 0.0:
             return product
@@ -190,12 +188,18 @@ def add_starts_of_one(problem: Problem, starts: Any) -> int:
 
 
 @kernel
-def add_symmetric_starts(problem: Problem, starts: Any) -> int:
-    """
-    Add the starts of two impacts whose second half mirrors the first, half a period later.
+def may_mirror(problem: Problem) -> bool:
+    """Return whether the second half of a motion of two impacts may mirror the first."""
+    nodes, constants = problem.nodes, problem.moving.constants
+    balanced = constants.slope == 0.0 and constants.restitution_1 == constants.restitution_2
+    # The force has changed sign half a period later
+    turned = problem.sheet[UNITS, CYCLES] % 2.0 == 1.0
+    return bool(balanced and turned and nodes[0].stop != nodes[1].stop)
 
-    The rig must be symmetric, and the force have changed sign by then.
-    """
+
+@kernel
+def add_symmetric_starts(problem: Problem, starts: Any) -> int:
+    """Add the starts of two impacts whose second half mirrors the first, half a period later."""
     sheet = problem.sheet
     sheet[PLACE, 3] = 0.0
     sheet[PLACE, 7] = 0.5 * FULL_TURN * sheet[UNITS, CYCLES]
@@ -302,7 +306,7 @@ def add_closest(
 
 
 @kernel
-def scan(problem: Problem, starts: Any, first: int, end: int, points: int) -> int:
+def scan(problem: Problem, starts: Any, count: int, first: int, end: int, points: int) -> int:
     """
     Add the starts of two impacts in a part of the period; return the number of starts.
 
@@ -310,7 +314,6 @@ def scan(problem: Problem, starts: Any, first: int, end: int, points: int) -> in
     roots side by side or a double one. Where the linear equations nearly lose rank, the plane that
     they nearly leave is searched, too.
     """
-    count = 0
     before, here = share_of(first, points), share_of(first + 1, points)
     one, rank_one = look(problem, before)
     two, rank_two = look(problem, here)
@@ -336,10 +339,12 @@ def find_starts(problem: Problem, starts: Any, first: int, end: int) -> int:
     Write starts into rows; return the number of starts, also if there are fewer rows.
 
     For one impact these are all starts; for two they are those in a part of a scan, whose number
-    of points is in the last row, or those of a symmetric motion, if the part ends before 0.
+    of points is in the last row, and those of symmetric motions, with the first part.
     """
     if len(problem.nodes) == 1:
         return add_starts_of_one(problem, starts)
-    if end < 0:
-        return add_symmetric_starts(problem, starts)
-    return scan(problem, starts, first, end, int(starts[len(starts) - 1, 0]))
+    points = int(starts[len(starts) - 1, 0])
+    count = 0
+    if first == 0 and may_mirror(problem):
+        count = add_symmetric_starts(problem, starts)
+    return scan(problem, starts, count, first, end, points)

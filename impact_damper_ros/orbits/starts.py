@@ -120,14 +120,6 @@ _MOST_POINTS = 100_000
 _PART = 20_000
 
 
-def _is_symmetric(equations: ImpactEquations) -> bool:
-    """Return whether the second half of a motion of two impacts may mirror the first."""
-    constants = machine_of(equations.parameters).constants
-    if equations.stops not in ((1, 2), (2, 1)) or equations.cycles % 2 == 0:
-        return False
-    return constants.restitution_1 == constants.restitution_2 and constants.slope == 0.0
-
-
 class _Part(NamedTuple):
     """Some of the starts: places of a scan, or numbers of instants if the scan has no points."""
 
@@ -145,8 +137,7 @@ def _scan_parts(equations: ImpactEquations) -> list[_Part]:
     points = min(_MOST_POINTS, math.ceil(_POINTS_PER_CYCLE * equations.cycles * ratio))
     end = points + 24
     ends = {first: min(first + _PART + 2, end) for first in range(0, end - 2, _PART)}
-    parts = [_Part(equations, first, last, points) for first, last in ends.items()]
-    return [_Part(equations, 0, -1, points), *parts] if _is_symmetric(equations) else parts
+    return [_Part(equations, first, last, points) for first, last in ends.items()]
 
 
 #: Starts that are computed at once, times the cube of the unknowns: short enough for Ctrl-C.

@@ -23,7 +23,7 @@ from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
 
-from .flight_arrays import Flights, FlightStart
+from .flight_arrays import Flights, FlightStart, numbered
 from .response import Array
 from .transmissibility import dynamic_stiffness
 
@@ -131,18 +131,15 @@ def _largest(flights: Flights, since: Array, end: Array, frequency: Array) -> Ar
         done = ends[first - 1] if first else 0
         last = max(first + 1, int(np.searchsorted(ends, done + _MOST_POINTS, side='right')))
         here = slice(first, last)
-        piece = np.repeat(np.arange(first, last), count[here])
-        number = np.arange(len(piece)) - np.repeat(
-            np.cumsum(count[here]) - count[here], count[here]
-        )
-        times = since[piece] + number * ((end - since) / (count - 1))[piece]
+        piece, number = numbered(count[here])
+        times = since[here][piece] + number * ((end - since) / (count - 1))[here][piece]
         index = np.clip(
             np.searchsorted(flights.starts, times, side='right') - 1, 0, len(flights) - 1
         )
         tau = np.minimum(times - flights.starts[index], flights.spans[index])
         x, _, acceleration, _ = flights.motion(index, tau)
         base, _, _ = flights.base(index, tau)
-        starts = np.cumsum(count[here]) - count[here]
+        starts = np.flatnonzero(number == 0)
         for k, values in enumerate((x, x - base, acceleration)):
             found[k, here] = np.maximum.reduceat(np.abs(values), starts)
         first = last
