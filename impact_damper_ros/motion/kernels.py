@@ -104,8 +104,10 @@ def _below(name: str) -> dict[str, types.FunctionType]:
     while names:
         one = names.pop()
         if one in _KERNELS and one not in found:
-            found[one] = _KERNELS[one]
-            names += [called for code in _codes(found[one].__code__) for called in code.co_names]
+            found[one] = function = _KERNELS[one]
+            called = {name for code in _codes(function.__code__) for name in code.co_names}
+            # An attribute may have the name of a kernel
+            names += called & function.__globals__.keys()
     return found
 
 

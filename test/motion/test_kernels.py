@@ -87,6 +87,10 @@ def test_digest_depends_on_what_kernels_do(monkeypatch):
     assert digest_with(text + 'def beside(x):\n    return x\n') == one
     calls = text.replace('+ 1.0', '+ below(x)') + 'def below(x):\n    return x\n'
     assert digest_with(calls) != digest_with(calls.replace('return x\n', 'return -x\n'))
+    # An attribute with the name of a kernel that another module has
+    reads = digest_with(text.replace('+ 1.0', '+ x.beside'))
+    kernels._KERNELS['beside'] = digest_with
+    assert kernels._digest('turned') == reads
 
 
 def test_kept_kernels_share_no_names():
