@@ -226,7 +226,7 @@ class Branch:
             f'{high:.6g}; {special or "no special points"}{more}>'
         )
 
-    @property
+    @cached_property
     def values(self) -> tuple[float, ...]:
         """The parameter at the points."""
         return tuple(point.value for point in self.points)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from impact_damper_ros.parameters.parameter_spec import (
     ParameterSpec,
@@ -207,7 +208,7 @@ class Steps:
                 f'the {parameters.swept} shakes the rig: follow {parameters.swept}_frequencies'
             )
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[float, ...]:
         """The ends of the range, and the least and largest admissible value, if known."""
         if not isinstance(self.path, str):
