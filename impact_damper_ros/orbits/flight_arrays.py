@@ -65,7 +65,7 @@ def rows_of_samples(samples: NDArray[np.void]) -> Events:
     return rows
 
 
-def numbered(counts: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+def number_points(counts: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
     """Return for each of some points in flights the flight, and the number of the point in it."""
     index: NDArray[np.intp] = np.repeat(np.arange(len(counts), dtype=np.intp), counts)
     return index, np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -456,7 +456,7 @@ class Flights:
             return rows['time'], rows['x'], speed, rows['y'], damper - speed
         # Round-off does not add a point.
         count = np.ceil(self.spans * per_second - 1e-9).astype(np.int64) + 1
-        index, number = numbered(count)
+        index, number = number_points(count)
         tau = np.repeat(self.spans / np.maximum(count - 1, 1), count) * number
         x, velocity, _, _ = self.motion(index, tau)
         return self.starts[index] + tau, x, velocity, *self.damper(index, tau, x, velocity)

@@ -33,7 +33,7 @@ from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigPa
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 from impact_damper_ros.rig.rig import Rig
 
-from .flight_arrays import Flights, numbered, run_flights
+from .flight_arrays import Flights, number_points, run_flights
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def cycles_of(flights: Flights) -> Cycles:
     middle = middle_of(flights.rig)
     step = math.tau / flights.rig.omega / _STEPS_PER_CYCLE
     counts = np.maximum(1, np.ceil(flights.spans / step)).astype(int)
-    index, place = numbered(counts)
+    index, place = number_points(counts)
     low = flights.spans[index] * (place / counts[index])
     high = flights.spans[index] * ((place + 1) / counts[index])
     before, after = (flights.motion(index, tau)[0] - middle for tau in (low, high))

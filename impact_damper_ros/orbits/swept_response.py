@@ -23,7 +23,7 @@ from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.stepped_sine import rig_at, stepped_sine
 
-from .flight_arrays import Flights, FlightStart, numbered
+from .flight_arrays import Flights, FlightStart, number_points
 from .response import Array
 from .transmissibility import dynamic_stiffness
 
@@ -131,7 +131,7 @@ def _largest(flights: Flights, since: Array, end: Array, frequency: Array) -> Ar
         done = ends[first - 1] if first else 0
         last = max(first + 1, int(np.searchsorted(ends, done + _MOST_POINTS, side='right')))
         here = slice(first, last)
-        piece, number = numbered(count[here])
+        piece, number = number_points(count[here])
         times = since[here][piece] + number * ((end - since) / (count - 1))[here][piece]
         index = np.clip(
             np.searchsorted(flights.starts, times, side='right') - 1, 0, len(flights) - 1
