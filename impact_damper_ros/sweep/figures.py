@@ -283,6 +283,8 @@ _LOOKS: dict[str, dict[str, Any]] = {
     'down': {'color': GREEN, 'markersize': 1.5, 'label': 'followed downwards'},
 }
 _INK = '0.1'
+#: Exponents per cycle up to which a motion may be one at the end of its stability.
+_NEUTRAL = 0.01
 #: Values of theory, by the measure that is drawn.
 _THEORY: dict[str, Callable[[PeriodicOrbit], float]] = {
     'x_max': lambda orbit: orbit.x_max,
@@ -301,6 +303,18 @@ def _exponent(orbit: PeriodicOrbit) -> float:
     """Return the largest Lyapunov exponent of a motion, per cycle."""
     largest = abs(orbit.multipliers[0])
     return math.log(largest) / orbit.cycles if largest else -math.inf
+
+
+def phases_along(branch: Branch) -> Array:
+    """Return the phases of the impacts, shape (N, points), in cycles; a row is one impact."""
+    rows: list[Array] = []
+    for orbit in branch.orbits:
+        turned = [np.roll(orbit.phases, k) for k in range(orbit.impacts)]
+        # The motion may begin with another of its impacts than the one before.
+        before = rows[-1] if rows else turned[0]
+        apart = [np.abs((one - before + 0.5) % 1.0 - 0.5).sum() for one in turned]
+        rows.append(turned[int(np.argmin(apart))])
+    return np.unwrap(np.array(rows).T, period=1.0)
 
 
 def _ends_of_stability(branch: Branch) -> Iterator[SpecialPoint]:
@@ -359,13 +373,14 @@ def _draw_theory(
     of_measure = _THEORY.get(measure)
     kinds = set()
     for branch in branches:
-        phases = np.array([orbit.phases for orbit in branch.orbits])
-        for column in np.unwrap(phases.T, period=1.0):
+        for column in phases_along(branch):
             # Once for each cycle into which the line reaches
             for turn in range(math.floor(column.min()), math.floor(column.max()) + 1):
                 _draw_branch(upper, branch, factor, column - turn)
         for axes in lower:
             exponents = np.array([_exponent(orbit) for orbit in branch.orbits])
+            # At a grazing a stable part may end with the motion beyond it.
+            exponents[exponents > _NEUTRAL] = np.nan
             _draw_branch(axes, branch, factor, exponents, unstable=False)
         if of_measure is None:
             continue

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from rigs import OFF_RESONANCE, TABLE
 
-from impact_damper_ros import InitialConditions, RigParameters, find_orbits, follow
+from impact_damper_ros import (
+    InitialConditions,
+    RigParameters,
+    find_orbits,
+    follow,
+    load_parameters,
+)
 from impact_damper_ros.sweep import (
     Grid,
     Settling,
@@ -21,6 +27,7 @@ from impact_damper_ros.sweep.figures import (
     _fixed_text,
     basin_figure,
     bifurcation_figure,
+    phases_along,
     surface_figure,
 )
 from impact_damper_ros.sweep.summary import attractors_of
@@ -259,3 +266,13 @@ BASE = 'b₀ = 1.96133 m/s² = 0.2 g,  Ω = 62.8319 rad/s = 10 Hz'
 def test_a_figure_states_what_is_not_varied_and_acts(rig, axis, rest):
     """The weight only where m is pressed to M or slides, or may be among the rigs."""
     assert _fixed_text(Grid(rig, **axis)).startswith(f'{SHAKEN},  {rest}')
+
+
+def test_an_impact_is_followed_where_a_branch_counts_from_another_one():
+    bench, *_ = load_parameters('bench_rig')
+    orbits = find_orbits(bench.replace(gap=0.017), (1, 2)).orbits
+    branches = [follow(orbit, 'gap', 0.0165, 0.0175) for orbit in orbits]
+    turned = [one for one in branches if len({orbit.stops for orbit in one.orbits}) > 1]
+    assert turned
+    for branch in turned:
+        assert np.abs(np.diff(phases_along(branch))).max() < 0.01
