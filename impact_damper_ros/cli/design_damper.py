@@ -355,8 +355,8 @@ def _design(arguments: argparse.Namespace) -> int:
             EXIT_FAILED,
         )
     with long_work('design_damper', 'still looking for the best gaps; Ctrl-C ends it'):
-        tried = (best_design(rig.replace(mass_ratio=r)) for r in _mass_ratios(arguments, rig))
-        found = [design for design in tried if design is not None]
+        tried = {r: best_design(rig.replace(mass_ratio=r)) for r in _mass_ratios(arguments, rig)}
+        found = [design for design in tried.values() if design is not None]
         if not found:
             raise CommandError(
                 'no stable motion of two impacts per cycle was found: give another range of '
@@ -369,13 +369,15 @@ def _design(arguments: argparse.Namespace) -> int:
         unsure = worst_cases(chosen, ranges, (low, high))
         compared = compare_dampers(chosen.built, low, high)
         plan = planned_runs(chosen.built)
-    _write(arguments, found, chosen, unsure, compared, plan)
+    choice = report.choice_text(tried, arguments.reduction)
+    _write(arguments, found, choice, chosen, unsure, compared, plan)
     return 0
 
 
 def _write(
     arguments: argparse.Namespace,
     found: Sequence[Design],
+    choice: str,
     chosen: Design,
     unsure: WorstCases,
     compared: Comparison,
@@ -387,7 +389,7 @@ def _write(
     built = chosen.rig.replace(gap=unsure.best.gap if arguments.worst_case else chosen.gap)
     write_output(arguments.rig_out, rig_yaml, built, rig_line(built))
     draw(arguments.figure, report.design_figure, found, chosen, unsure, compared, title)
-    texts = [title, '', report.design_table(found).text(), '']
+    texts = [title, '', report.design_table(found).text(), choice]
     texts += [
         report.design_text(chosen, unsure, compared),
         '',

@@ -111,6 +111,28 @@ def _fall(rig: RigParameters) -> str:
     return f', which falls with the speed from {quantity(speed, "m/s", 3)}' if speed else ''
 
 
+def choice_text(found: Mapping[float, Design | None], reduction: float) -> str:
+    """
+    Return what is to be known about the choice among mass ratios; empty if there is nothing.
+
+    Parameters
+    ----------
+    found : mapping of float to Design or None
+        Designs by mass ratio; None where there is none.
+    reduction : float
+        The share of |X| that a damper should leave at most.
+    """
+    designs = [design for design in found.values() if design is not None]
+    missing = ', '.join(percent(ratio) for ratio, design in found.items() if design is None)
+    lines = [f'No stable motion of two impacts per cycle for m/M of {missing}.'] if missing else []
+    if all(design.x_max > reduction * design.bare for design in designs):
+        lines.append(
+            f'No damper here leaves at most {percent(reduction)} of |X| (--reduction): the one '
+            'that leaves the least is chosen.'
+        )
+    return ''.join(f'{line}\n' for line in lines)
+
+
 def design_text(design: Design, unsure: WorstCases, compared: Comparison) -> str:
     """Return the text of the chosen design."""
     half = quantity(design.gap, 'm', 4)
@@ -236,11 +258,12 @@ def _compared_words(design: Design, compared: Comparison) -> list[str]:
     beats = (at_level < _HELPS * compared.bare) & (at_level < compared.den_hartog)
     ratio = compared.den_hartog[here] / compared.bare[here]
     beyond = _spans_where(compared.level_range, compared.level_ratios < min(ratio, _HELPS))
-    places_text = _spans_where(hertz, beats, ' Hz') or 'nowhere'
+    places_text = _spans_where(hertz, beats, ' Hz')
+    below = [places_text and f'{places_text} at this level', beyond and f'here at levels {beyond}']
+    least_text = f'these leave the least: {best}; elsewhere all' if best else 'all'
     sentence = (
-        f'At this level these leave the least: {best or "none"}; elsewhere none leaves less than '
-        f'98 % of what is left without. The impact damper leaves less than {broad} '
-        f'{places_text} at this level, and here at levels {beyond or "nowhere"}.'
+        f'At this level {least_text} leave more than 98 % of |X| without a damper. The impact '
+        f'damper leaves less than {broad} {", and ".join(filter(None, below)) or "nowhere"}.'
     )
     return [head, table.text('  '), _indent(sentence)]
 
