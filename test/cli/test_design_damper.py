@@ -18,9 +18,7 @@ from impact_damper_ros.design.runs_from_rest import at_level
 
 STRUCTURE = ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--base', '0.2g']
 
-UPRIGHT = (
-    ['--mass', '5kg', '--frequency', '10Hz', '--damping-ratio', '2%', '--force', '6N', '--angle', '90deg', '--levels', '1:1']
-)
+UPRIGHT = [*STRUCTURE[:6], '--force', '6N', '--angle', '90deg', '--levels', '1:1']
 
 
 @pytest.fixture(scope='module')
