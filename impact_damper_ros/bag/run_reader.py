@@ -197,9 +197,9 @@ class RunReader:
         found = [f'{name} is empty: the recording was cut short there' for name in self._empty]
         if source := self.custom.get('recovered_from'):
             found.append(
-                f'the bag is recovered from {quote(source)}: '
-                f'{self.custom.get("lost_bytes", "?")} bytes were lost, and '
-                f'{self.custom.get("doubtful", "?")} of its messages may be altered'
+                f'the bag is recovered from {quote(source)}, which was cut short or damaged: '
+                f'{self.custom.get("lost_bytes", "?")} bytes of that could not be used, and '
+                f'{self.custom.get("doubtful", "?")} messages may be altered'
             )
         for file in self.files:
             what = 'the bag' if len(self.files) == 1 else file.path.name

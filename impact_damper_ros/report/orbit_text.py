@@ -7,7 +7,7 @@ import cmath
 import math
 from collections.abc import Sequence
 
-from impact_damper_ros.orbits.branch import Branch
+from impact_damper_ros.orbits.branch import Branch, SpecialKind, SpecialPoint
 from impact_damper_ros.orbits.orbit import PeriodicOrbit
 from impact_damper_ros.orbits.solved_orbits import transmissibility
 from impact_damper_ros.orbits.transmissibility import TRANSMISSIBILITIES
@@ -86,17 +86,25 @@ def branch_text(branch: Branch) -> str:
     ]
     lines.extend(
         f'  {point.kind.value} {"at" if point.converged else "near"} {branch.name} = '
-        f'{point.value:.9g}' + (f': {point.reason}' if point.reason else '')
+        f'{point.value:.9g}{_unlike_the_rig(point)}'
+        + (f': {point.reason}' if point.reason else '')
         for point in branch.special
     )
     if (best := branch.best()) is not None:
         change = branch.change_at(best.orbit)
+        # The place of a minimum is known to half of the digits of its value.
         lines.append(
             f'  least largest |X| of a stable motion: {best.orbit.x_max:.9g} m at {branch.name} = '
-            f'{best.value:.9g}' + (f' ({change})' if change else '')
+            f'{best.value:.6g}' + (f' ({change})' if change else '')
         )
     ends = [f'  end: {end}' for end in (branch.began, branch.ended) if end]
     return '\n'.join([*lines, *ends])
+
+
+def _unlike_the_rig(special: SpecialPoint) -> str:
+    """Return that a motion at a special point is not viable; a grazing is where that begins."""
+    seen = special.orbit.viable or special.kind is SpecialKind.GRAZING
+    return '' if seen else ', of motions that are not viable'
 
 
 def branch_table(followed: Sequence[tuple[str, Branch]]) -> str:
