@@ -343,7 +343,7 @@ def need_matplotlib() -> None:
 
 #: Options that name a file to write.
 _OUTPUTS = (
-    *('output', 'json', 'csv', 'markdown', 'impacts', 'events', 'states'),
+    *('output', 'json', 'csv', 'impacts', 'events', 'states'),
     *('rig_out', 'transmissibility', 'response'),
 )
 

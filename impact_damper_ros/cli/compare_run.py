@@ -37,7 +37,6 @@ from .command_line import (
     share_done,
     text_stream,
     write_json,
-    write_output,
 )
 from .rig_options import add_recorded_law_option
 
@@ -64,7 +63,7 @@ Scores:  compare_run --score runs/timed runs/amplitude --score-gap '24 mm' --fig
 
 #: See `needs`.
 NEEDS = (
-    *((option, '--score') for option in ('--figure', '--markdown', '--score-gap')),
+    *((option, '--score') for option in ('--figure', '--score-gap')),
     ('--report', 'no --score'),
 )
 
@@ -91,7 +90,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar='GAP',
         help='with --score: fixed gap to compare with [the gap at the start of the run]',
     )
-    add_path_option(parser, '--markdown', 'with --score: write the table as Markdown (- : stdout)')
     add_path_option(parser, '--figure', 'with --score: draw the amplitudes of all recordings')
     add_quiet_option(parser, 'tables')
     return parser
@@ -126,15 +124,13 @@ def _write_report(arguments: argparse.Namespace, comparison: RunComparison, comm
 def _score_recordings(arguments: argparse.Namespace) -> int:
     """Score recordings, and write the requested outputs."""
     from impact_damper_ros.compare.score import score_run
-    from impact_damper_ros.report.score_report import score_figure, score_table, score_text
+    from impact_damper_ros.report.score_report import score_figure, score_text
 
     runs = _each(arguments, 'score', partial(score_run, gap=arguments.score_gap))
     write_json(arguments.json, {'runs': runs})
-    write_output(arguments.markdown, lambda: score_table(runs).markdown() + '\n')
     draw(arguments.figure, score_figure, runs)
     if not arguments.quiet:
-        taken = arguments.json if str(arguments.markdown) != '-' else arguments.markdown
-        print(printable(score_text(runs)), file=text_stream(taken))
+        print(printable(score_text(runs)), file=text_stream(arguments.json))
     return min((code for run in runs if (code := run.exit_code)), default=0)
 
 

@@ -27,7 +27,6 @@ FIGURE = 'give a name that ends in .png, .svg or .pdf'
 REFUSALS = {
     'compare_run': [
         ('--json no_bag', 'is an input, or lies in one'),
-        ('--score --json - --markdown -', 'two outputs go to the standard output'),
         ('--report=', 'the name is empty: give that of a file or directory'),
         ('', "cannot read 'no_bag': there is no such file or directory; name a bag directory"),
     ],
