@@ -16,14 +16,15 @@ from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .first_course import GRID, PENALTY, guess_of, thin_out
+from .first_course import GRID, PENALTY, SAMPLES, guess_of, thin_out
 from .gauss_newton import FitSolution, System
 from .partition import Record, fit_vibration, free_vibrations, least_cost
-from .shooting import Shooting
+from .shooting import Further, Shooting
 from .unknowns import CONSTANTS, Fall, later, scaled_constant
 from .vibration import Array, Phasors, Vibration
 
@@ -57,9 +58,9 @@ _SIGNS = {
 _PHASES = 16
 OVER_SPEED = 'restitution over impact speed'
 OTHER_PHASE = 'the force comes at another time than described, which --also force_delay fits'
-#: Readings of a file are compared with this number of samples in a natural period, at few or more
-#: stiffnesses; units only if the cost of a sample is at least `_DEAR`.
-_SAMPLES, _FEW, _MORE = 20, np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 5)
+#: Readings of a file are compared at few or more stiffnesses; units only if the cost of a sample
+#: is at least `_DEAR`.
+_FEW, _MORE = np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 5)
 _ONE, _DEAR = np.ones(1), 4.0
 #: Largest fall of R, as a part of the exponent, to which a slowness belongs.
 _STEEP = 0.2
@@ -72,7 +73,10 @@ _SAVED, _CLEARLY, _AS_GOOD = 0.15, 0.5, 0.95
 _ALIKE = 3.0
 #: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
 _SECOND_MODE = 'second mode'
-_MODE_RATIOS, _MODE_DAMPING = np.geomspace(1.15, 6.0, 42), 0.02
+_MODE_RATIOS, _MODE_DAMPING = np.geomspace(1.15, 6.0, 166), 0.01
+#: Nodes and weights of Gauss's rule for the integral over a part of 1.
+_PLACES = np.array([0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)])
+_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 #: Chance that a constant of a file is wrong, unless its uncertainty is given, and the part by
 #: which it is wrong then: a mass may lack a forgotten part, a force its calibration.
 _DOUBT, _WRONG_BY = 0.2, 0.1
@@ -293,19 +297,18 @@ def _second_modes(shooting: Shooting, solution: FitSolution) -> Iterator[Paramet
     u, record, order = solution.unknowns, shooting.record, shooting.record.order
     shared, states = shooting.parts(u)
     impacts, ends, nodes = states[shooting.impacts, 0], shooting.ends, states[:, 0]
-    jumps, drive = shooting.jumps(u), shooting.vibration(shared)
+    drive = shooting.vibration(shared)
     weight = np.where(shooting.motion(u)[1], shooting.weight, 0.0)
     heavier = scaled_constant(shooting.unknowns.rig, 'primary_mass', _STEP)
     assert heavier is not None
     by_mass = _derivatives(shooting, solution, heavier, _STEP)
     hit, n = shooting.kind[ends] != 0, len(record.time)
-    for ratio in _MODE_RATIOS.tolist():
-        root = complex(-_MODE_DAMPING, 1.0) * ratio * shooting.rate
+    roots = complex(-_MODE_DAMPING, 1.0) * shooting.rate * _MODE_RATIOS
+    answers = shooting.likely_jumps(u)[:, None] / roots.imag + 0j
+    for k, span in enumerate(np.diff(impacts).tolist()):
+        answers[k + 1] += answers[k] * np.exp(roots * span)
+    for root, after in zip(roots.tolist(), answers.T, strict=True):
         mode = drive._replace(decay=-root.real, damped=root.imag, stiffness=abs(root) ** 2)
-        turned = np.exp(root * np.diff(impacts))
-        after = jumps / root.imag + 0j
-        for k in range(1, len(impacts)):
-            after[k] += after[k - 1] * turned[k - 1]
         residual, condition = by_mass[0].copy(), by_mass[1].copy()
         residual[:n] += _answer(mode, impacts, after, record.time, order) * weight
         place = _answer(mode, impacts, after, nodes, 0)
@@ -315,9 +318,8 @@ def _second_modes(shooting: Shooting, solution: FitSolution) -> Iterator[Paramet
         rows[:, 3] = place[ends - 1] - place[ends]
         rows[~hit, 4] = -speed[ends][~hit]
         condition[: rows.size] += shooting.in_units(rows).ravel()
-        frequency = ratio * shooting.rate / math.tau
         yield ParameterColumn(
-            f'{_SECOND_MODE} at {frequency:.3g} Hz',
+            f'{_SECOND_MODE} at {root.imag / math.tau:.3g} Hz',
             '',
             'M has a second mode: fix the sensor to M, or stiffen what swings on it',
             residual,
@@ -344,7 +346,7 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
     """Yield slopes of parameters that the model takes for constant, and the delay."""
     unknowns, u, equations = shooting.unknowns, solution.unknowns, solution.equations
     shared, states = shooting.parts(u)
-    ends, n = shooting.ends, len(shooting.record.time)
+    ends = shooting.ends
     jump = np.zeros(shooting.count_of_nodes)
     jump[shooting.impacts] = shooting.jumps(u)
     alpha = shared[shooting.alpha_column]
@@ -354,23 +356,16 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
     hit = shooting.kind[ends] != 0
 
     def spread(
-        columns: list[int], at_end: Array, of_node: Array | None = None, size: float = 1.0
+        columns: list[int], at_end: Array, at_start: Array | None = None, size: float = 1.0
     ) -> tuple[Array, Array]:
-        """Return derivatives by a parameter that is larger by factors, after nodes or at ends."""
+        """Return derivatives by a parameter of m that is larger by factors, where flights end."""
         condition = equations.condition_rates[:, columns].sum(axis=1)
         rows = np.asarray(condition, float).ravel()
         rows[: 5 * len(ends)] *= np.repeat(at_end, 5)
         others = rows[5 * len(ends) :]
-        residual = np.zeros(len(equations.residual))
         others[len(shooting.firsts) :] = 0.0
-        if of_node is None:
-            others[:] = 0.0
-            return residual, size * rows
-        others[: len(shooting.firsts)] *= of_node[shooting.firsts]
-        by = np.asarray(equations.residual_rates[:, columns].sum(axis=1), float).ravel()[:n]
-        node = np.searchsorted(states[:, 0], shooting.record.time, side='right') - 1
-        residual[:n] = by * of_node[np.clip(node, 0, len(of_node) - 1)]
-        return size * residual, size * rows
+        others[: len(shooting.firsts)] *= 0.0 if at_start is None else at_start[shooting.firsts]
+        return np.zeros(len(equations.residual)), size * rows
 
     alphas = list(set(unknowns.alpha_columns()))
     by_restitution = -unknowns.share * alpha[ends] ** 2
@@ -389,14 +384,8 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
             'the stops have different restitution, which --also restitution_2 fits',
             *spread(alphas, by_restitution * (shooting.kind[ends] == -1)),
         )
-    squares = states[:, 1] ** 2 + (states[:, 2] / shooting.rate) ** 2
-    size = squares / squares.mean() - 1.0
-    stiffness = unknowns.value(shared, 'stiffness')
     yield ParameterColumn(
-        'stiffness over square of amplitude',
-        '',
-        'the spring is not linear',
-        *spread([0], size[ends - 1], size, stiffness),
+        'cubic stiffness', '', 'the spring is not linear', *_cubic_spring(shooting, solution)
     )
     span = shooting.record.time[-1] - shooting.record.time[0]
     late = (states[:, 0] - states[:, 0].mean()) / span
@@ -415,6 +404,42 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
             OTHER_PHASE,
             *_derivatives(shooting, solution, later(unknowns.rig, delay), delay),
         )
+
+
+def _cubic_spring(shooting: Shooting, solution: FitSolution) -> tuple[Array, Array]:
+    """
+    Return derivatives by the part of K that a cubic spring adds where X has its rms.
+
+    The answer of M to the force of the spring is an integral over each flight, by Gauss's rule.
+    """
+    u, order = solution.unknowns, shooting.record.order
+    shared, states = shooting.parts(u)
+    vibration, nodes = shooting.vibration(shared), states[:, 0]
+    root = vibration.root
+    samples = np.clip(shooting.record.time, nodes[0], nodes[-1])
+    edges = np.unique(np.concatenate([nodes, samples]))
+    spans = np.diff(edges)
+    at = edges[:-1, None] + spans[:, None] * _PLACES
+    node = np.searchsorted(nodes, at, side='right') - 1
+    x = shooting.place(u, at.ravel(), node.ravel()).reshape(at.shape)
+    factor = -vibration.stiffness / float(np.mean(x**2))
+    turned = factor * x**3 * np.exp(-root * (at - nodes[node]))
+    sums = np.append(0.0, np.cumsum((turned @ _WEIGHTS) * spans)) / vibration.damped
+
+    def answer(times: Array, start: NDArray[np.int64]) -> Phasors:
+        total = sums[np.searchsorted(edges, times)] - sums[np.searchsorted(edges, nodes[start])]
+        return np.asarray(total * np.exp(root * (times - nodes[start])))
+
+    start = np.clip(np.searchsorted(nodes, samples, side='right') - 1, 0, len(nodes) - 2)
+    signal = (root**order * answer(samples, start)).imag
+    if order == 2:
+        signal += factor * shooting.place(u, samples, start) ** 3
+    arrival = answer(nodes[shooting.ends], shooting.ends - 1)
+    varied = copy.copy(shooting)
+    varied.further = Further(signal, arrival.imag, (root * arrival).imag)
+    residual, condition = varied.residual(u)
+    equations = solution.equations
+    return residual - equations.residual, condition - equations.condition
 
 
 def shared_with_fall(shooting: Shooting, u: Array, slope: float) -> Array:
@@ -459,7 +484,7 @@ def _derivatives(
 
 def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     """Return the sentence on a unit that explains the motion far better, or ''."""
-    fewer = thin_out(record, rig, _SAMPLES)
+    fewer = thin_out(record, rig, SAMPLES)
     as_it_is = _cost(fewer, rig, deviation, _FEW)
     if as_it_is < _DEAR * len(fewer.time):
         return ''
@@ -483,7 +508,7 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     # wrong phase.
     if without_impacts := _one_vibration(record, rig, deviation):
         return without_impacts
-    fewer = thin_out(record, rig, _SAMPLES)
+    fewer = thin_out(record, rig, SAMPLES)
     others = [(sentence, _driven_rig(rig, factor)) for factor, sentence in _SIGNS.items()]
     period = math.tau / max(rig.first_harmonic[1], 1e-3 * rig.omega)
     delays = period * np.arange(1, _PHASES) / _PHASES

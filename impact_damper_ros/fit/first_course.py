@@ -22,6 +22,8 @@ PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
 _ROUNDS = 4
 #: Numbers of phases of the force, and stiffnesses over that of the start, that are tried.
 _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
+#: Samples in a natural period of the thinned record with which phases and units are tried.
+SAMPLES = 20
 #: Stiffnesses and dampings, over those of the start, that are tried where the phase is known.
 GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
 #: Least first guess of the gap, in the swing of M at impacts.
@@ -98,11 +100,12 @@ def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float,
     """
     period = 2.0 * np.pi / max(rig.first_harmonic[1], 1e-3 * rig.omega)
     damping = guess_of(rig)[1]
+    fewer = thin_out(record, rig, SAMPLES)
 
     def cost(tried: tuple[float, float]) -> float:
         delay, stiffness = tried
         vibration = Vibration.of(rig, stiffness, damping, delay)
-        return least_cost(record, vibration, deviation, PENALTY)
+        return least_cost(fewer, vibration, deviation, PENALTY)
 
     parts = np.arange(_PHASES) / _PHASES
     delays = period * np.where(parts > 0.5, parts - 1.0, parts)

@@ -171,6 +171,23 @@ class NodeMotion(Nodes):
         grip, node = self.unknowns.value(shared, 'grip'), np.arange(self.count_of_nodes - 1)
         return self._flown(self.vibration(shared), grip, states[:-1], states[1:, T], node)
 
+    def place(self, u: Array, times: Array, node: NDArray[np.int64]) -> Array:
+        """Return X at times in the flights after nodes."""
+        shared, states = self.parts(u)
+        grip = self.unknowns.value(shared, 'grip')
+        return self._flown(self.vibration(shared), grip, states[node], times, node)[0]
+
+    def likely_jumps(self, u: Array) -> Array:
+        """
+        Return the jumps of X', also those where a part begins, from the motion of M before them.
+
+        One that is larger than all others is taken for none: an impact before it was missed.
+        """
+        jump = np.zeros(len(self.course))
+        at = self.impacts[1:]
+        jump[1:] = self.parts(u)[1][at, V] - self.before_nodes(u)[1][at - 1]
+        return np.where(np.abs(jump) <= np.abs(self.jumps(u)).max(), jump, 0.0)
+
     def jumps(self, u: Array) -> Array:
         """Return the jump of X' at each impact; 0 where a part begins."""
         jump = np.zeros(len(self.course))

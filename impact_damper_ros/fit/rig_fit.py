@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
 from .acceptance import LEAST_USED, MOST_CHI, judge_fit
-from .candidates import Candidate, misreading, wrong_file
+from .candidates import OTHER_PHASE, Candidate, misreading, wrong_file
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
 from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
@@ -303,6 +303,11 @@ def _fit(
     if found.accepted or 'force_delay' in extras or _explains_record(found):
         return found
     cause = wrong_file(level, start, noise)
+    # With many weak impacts fewer vibrations are no proof: another phase stands for some of them.
+    if cause == OTHER_PHASE and not _explains_record(
+        _fit(measured, start, [*also, 'force_delay'], uncertain)
+    ):
+        cause = ''
     return found._replace(reasons=[cause, *found.reasons]) if cause else found
 
 

@@ -68,6 +68,14 @@ class Equations(NamedTuple):
     shared: int
 
 
+class Further(NamedTuple):
+    """A small further motion of M: the measured quantity at samples, X and X' at `ends`."""
+
+    signal: Array
+    x: Array
+    velocity: Array
+
+
 class Shooting(NodeMotion):
     """
     The equations of one course.
@@ -103,6 +111,7 @@ class Shooting(NodeMotion):
         self.deviation, self.impact_deviation = deviation, impact_deviation
         #: Whether friction is fixed at zero, since the best value is negative.
         self.frictionless = False
+        self.further: Further | None = None
         self.rate = float(np.sqrt(course.shared[0] / unknowns.rig.primary_mass))
         # Displacement that corresponds to the noise of the measured quantity
         self.length = deviation / self.rate**record.order
@@ -187,6 +196,8 @@ class Shooting(NodeMotion):
         shared, states = self.parts(u)
         node, inside = self._node_of_samples(states)
         left = self.sense(shared, self._signal(shared, states, node)) - self.record.motion
+        if self.further is not None:
+            left = left + self.further.signal
         return np.where(inside, left, 0.0) * self.weight
 
     def _data_rates(self, u: Array) -> sparse.csr_array:
@@ -285,6 +296,9 @@ class Shooting(NodeMotion):
         after, impact = states[ends], self.kind[ends] != 0
         before = states[ends - 1], after[:, T], ends - 1
         x, v, w, y = self._flown(self.vibration(shared), grip, *before)
+        if self.further is not None:
+            x, y = x + self.further.x, y - self.further.x
+            v = v + self.further.velocity
         jump = after[:, V] - v
         alpha, *_ = self._alphas(shared, w - v)
         ratio = self.unknowns.rig.primary_mass / self.unknowns.rig.damper_mass

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fit.other_rigs import measure_other
 from fit.random_rigs import guess_of, measure, random_rig
 from impact_damper_ros import Rig
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
@@ -84,6 +85,34 @@ def test_a_force_of_another_size(bench):
     other = start.replace(force_amplitudes=(1.5 * rig.force_amplitudes[0],))
     reasons = refused(_first(record, 600), other).reasons
     assert any('force' in reason for reason in reasons), reasons
+
+
+def test_a_spring_that_is_not_linear():
+    """One that is 0.5 % stiffer where X has its rms: by an integrator of its own."""
+    rng = np.random.default_rng(1957933478)
+    rig = random_rig(rng)
+    start = guess_of(rig, rng)
+    record = measure_other(rig, rng, cubic=0.01)
+    fit = refused(record, start)
+    assert 'the spring is not linear' in fit.reasons[0]
+    found = fit.checks[0]
+    true = 0.01 * float(np.mean(record.motion**2)) / (0.25 * rig.gap) ** 2
+    assert found.value == pytest.approx(true, abs=3.0 * found.standard_deviation)
+    assert found.z > 8.0
+
+
+def test_a_second_mode_beside_flights_that_do_not_count():
+    """2 % of M on a spring of its own: its impacts in these flights count, too."""
+    rng = np.random.default_rng(1335684043)
+    rig = random_rig(rng)
+    start = guess_of(rig, rng)
+    fit = refused(measure_other(rig, rng, second_mode=0.02), start)
+    assert 'M has a second mode' in fit.reasons[0]
+    # The frequency of both masses on both springs.
+    squares = np.linalg.eigvals([[1.0 + 0.02 * 1.5**2, -0.02 * 1.5**2], [-(1.5**2), 1.5**2]])
+    frequency = np.sqrt(squares.max()) * rig.omega / (2.0 * np.pi)
+    assert float(fit.checks[0].name.split()[3]) == pytest.approx(frequency, rel=0.02)
+    assert fit.checks[0].z > 5.0
 
 
 def test_an_offset_of_the_sensor(bench):
