@@ -141,7 +141,8 @@ class Page:
             document.querySelector('#toast')?.textContent,
             globalThis.impactDamper?.store.frames,
             globalThis.impactDamper?.history.impacts.length,
-            globalThis.impactDamper?.history.changes.map(({ text, time }) => [text, time])]""")
+            globalThis.impactDamper?.history.changes.map(({ text, time }) => [text, time]),
+            globalThis.impactDamper?.theory]""")
         return f'page: {state}; console: {self.console}'
 
     def click(self, selector):
