@@ -46,8 +46,9 @@ _OF_ANY = {
 }
 #: Factors of the motion by a wrong sign or level.
 _RMS = 2.0**0.5
+REVERSED = 'the sensor or the force is the other way round: reverse the sign of one of them'
 _SIGNS = {
-    -1.0: 'the sensor or the force is the other way round: reverse the sign of one of them',
+    -1.0: REVERSED,
     1.0
     / _RMS: 'the force is 1.41 times as large as the file says, as if its rms were given for the '
     'amplitude',
@@ -497,17 +498,20 @@ def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     return best if costs[best] < _CLEARLY * as_it_is else ''
 
 
-def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
+def wrong_file(
+    record: Record, rig: RigParameters, deviation: float
+) -> tuple[str, RigParameters | None]:
     """
     Return the sentence on a fault of a file with which a fit has failed, or ''.
 
     The fault is a record without impacts, or another sign, level or phase of the force, where one
-    leaves far fewer vibrations.
+    leaves far fewer vibrations. With many weak impacts that is no proof: the second result is the
+    rig, up to the phase of the force, with which a fit should succeed then.
     """
     # Units are not tried: with one that leaves hardly any force, vibrations are fewer than with a
     # wrong phase.
     if without_impacts := _one_vibration(record, rig, deviation):
-        return without_impacts
+        return without_impacts, None
     fewer = thin_out(record, rig, SAMPLES)
     others = [(sentence, _driven_rig(rig, factor)) for factor, sentence in _SIGNS.items()]
     period = math.tau / max(rig.first_harmonic[1], 1e-3 * rig.omega)
@@ -518,7 +522,8 @@ def wrong_file(record: Record, rig: RigParameters, deviation: float) -> str:
     weights = [_AS_GOOD if sentence == OTHER_PHASE else 1.0 for sentence, _ in others]
     sentence, other = others[int(np.argmin(np.divide(costs, weights)))]
     as_it_is, there = (_cost(fewer, one, deviation, *GRID) for one in (rig, other))
-    return sentence if there < (1.0 - _SAVED) * as_it_is else ''
+    found = there < (1.0 - _SAVED) * as_it_is
+    return (sentence, rig if sentence == OTHER_PHASE else other) if found else ('', None)
 
 
 def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:

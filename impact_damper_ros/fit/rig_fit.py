@@ -24,7 +24,7 @@ from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
 from .acceptance import LEAST_USED, MOST_CHI, judge_fit
-from .candidates import OTHER_PHASE, Candidate, misreading, wrong_file
+from .candidates import OTHER_PHASE, REVERSED, Candidate, misreading, wrong_file
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
 from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
@@ -45,6 +45,8 @@ FURTHER = (
 )
 #: A clock that begins farther from 0, s, leaves too few digits for derivatives by the time.
 _FAR = 1e4
+#: A delay within so much of half a period, in periods, is another sign.
+_HALF = 0.01
 
 IMPACT_TYPE = np.dtype(
     [
@@ -234,7 +236,9 @@ def fit_rig(
     if abs(began) < _FAR or start.multisine_level:
         began = 0.0
     try:
-        found = _fit(_earlier(measured, began), later(start, -began), also, asked)
+        # A wrong file may lead far away before it is refused.
+        with np.errstate(all='ignore'):
+            found = _fit(_earlier(measured, began), later(start, -began), also, asked)
     except OtherLawError as error:
         return _refusal(measured, [str(error)])
     found = found._replace(remarks=[*remarks, *found.remarks])
@@ -302,12 +306,15 @@ def _fit(
         found = _refusal(measured, [f'no rig like this one moves as recorded: {WRONG_RIG}'])
     if found.accepted or 'force_delay' in extras or _explains_record(found):
         return found
-    cause = wrong_file(level, start, noise)
-    # With many weak impacts fewer vibrations are no proof: another phase stands for some of them.
-    if cause == OTHER_PHASE and not _explains_record(
-        _fit(measured, start, [*also, 'force_delay'], uncertain)
-    ):
-        cause = ''
+    cause, other = wrong_file(level, start, noise)
+    if other:
+        with_it = _fit(measured, other, [*also, 'force_delay'], uncertain)
+        # A wrong mass passes for another level, too, but not within a fit.
+        if not (with_it.accepted or (cause == OTHER_PHASE and _explains_record(with_it))):
+            cause = ''
+        elif cause == OTHER_PHASE:
+            turns = with_it.parameters['force_delay'].value * start.first_harmonic[1] / math.tau
+            cause = REVERSED if abs(turns % 1.0 - 0.5) < _HALF else cause
     return found._replace(reasons=[cause, *found.reasons]) if cause else found
 
 

@@ -397,7 +397,7 @@ def _keep_elsewhere(name: str, arguments: Sequence[Any], path: Path) -> None:
     """Have a kernel compiled and kept by another process; if that fails, nothing is kept."""
     import subprocess
 
-    modules = sorted({function.__module__ for function in _KERNELS.values()})
+    modules = sorted({function.__module__ for function in _below(name).values()})
     program = (
         'import importlib, os, pickle, sys\n'
         'os.nice(10)\n'

@@ -92,10 +92,11 @@ def branch_text(branch: Branch) -> str:
     )
     if (best := branch.best()) is not None:
         change = branch.change_at(best.orbit)
-        # The place of a minimum is known to half of the digits of its value.
+        # The place of a minimum is known to half of the digits of its value, an end exactly.
+        place = f'{best.value:.9g} ({change})' if change else f'{best.value:.6g}'
         lines.append(
             f'  least largest |X| of a stable motion: {best.orbit.x_max:.9g} m at {branch.name} = '
-            f'{best.value:.6g}' + (f' ({change})' if change else '')
+            f'{place}'
         )
     ends = [f'  end: {end}' for end in (branch.began, branch.ended) if end]
     return '\n'.join([*lines, *ends])

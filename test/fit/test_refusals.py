@@ -87,6 +87,16 @@ def test_a_force_of_another_size(bench):
     assert any('force' in reason for reason in reasons), reasons
 
 
+def test_a_sign_is_named_and_no_level_for_a_mass(bench):
+    rig, start, record = bench
+    backwards = refused(record._replace(motion=-record.motion), start).reasons
+    assert 'the other way round' in backwards[0]
+    # Half of m: the impacts that it would make are too weak, not the force
+    lighter = start.replace(mass_ratio=0.5 * rig.mass_ratio)
+    reasons = refused(record, lighter).reasons
+    assert not any('times as large as the file says' in one for one in reasons), reasons
+
+
 def test_a_spring_that_is_not_linear():
     """One that is 0.5 % stiffer where X has its rms: by an integrator of its own."""
     rng = np.random.default_rng(1957933478)

@@ -77,7 +77,6 @@ OUTPUTS = {
     'ring_down.json': 'ring_down bench_rig --from 40mm --json',
     'ring_down.csv': 'ring_down bench_rig --from 40mm --csv',
     'design_damper.json': f'design_damper {DESIGN} --mass-ratio 0.05 --json',
-    'design_damper.csv': f'design_damper {DESIGN} --mass-ratio 0.05 --csv',
     'fit_rig.json': 'fit_rig MEASURED --rig bench_rig --json',
     'sweep_rig.json': (
         'sweep_rig bench_rig --vary gap=0.02,0.024 -o TABLE --overwrite --quiet --json'
