@@ -151,7 +151,9 @@ class RunSummary(Observer):
             )
         since = max((event.time for event in self._impacts.values()), default=0.0)
         silent = (rig.time - since) / cycle_at(parameters)
-        if whole and silent >= _WATCHED_CYCLES:
+        # At the last frequency of a sweep M may hardly move.
+        swept = parameters.sweep_mode != 'off' and bool(self._impacts)
+        if whole and silent >= _WATCHED_CYCLES and not swept:
             lines.append(
                 f'no impact   m has not hit a stop for {silent:.4g} cycles{self._remedy()}'
             )
