@@ -39,7 +39,7 @@ times the natural one; gap 37 m; horizontal'
 
 
 def frequency_hint(rig: RigParameters) -> str:
-    """Return a hint if a frequency looks as if it were given in Hz; else nothing."""
+    """Return a hint if a frequency looks as if it were in Hz, or is missing; else nothing."""
     for name, low, high in _bands(rig):
         if low <= rig.omega <= high:
             continue
@@ -56,6 +56,13 @@ def frequency_hint(rig: RigParameters) -> str:
             return (
                 f'{given}, about 2π times {natural}; if the resonance was meant, give '
                 f'{_range(low / math.tau, high / math.tau)}'
+            )
+    for number, (amplitude, frequency, phase) in enumerate(zip(*rig.harmonics, strict=True), 1):
+        if amplitude and not frequency and not phase:
+            return (
+                f'harmonic {number} of the force has the amplitude {amplitude:.6g} N, but '
+                'frequency and phase 0, so that it is no force: give force_frequencies as many '
+                'values'
             )
     return ''
 

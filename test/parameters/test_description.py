@@ -87,6 +87,11 @@ def test_hint_at_bands():
     assert frequency_hint(noise).startswith('multisine_low and multisine_high are 3 to 7 rad/s')
     # What exerts no force has no frequency
     assert frequency_hint(BENCH.replace(force_frequencies=5.0, force_amplitudes=0.0)) == ''
+    # As if only the amplitudes had been given
+    two = {'force_amplitudes': (1.2, 2.0), 'force_phases': (0.0, 0.0)}
+    hint = frequency_hint(BENCH.replace(force_frequencies=(BENCH.omega, 0.0), **two))
+    assert hint.startswith('harmonic 2 of the force has the amplitude 2 N, but')
+    assert frequency_hint(BENCH.replace(force_frequencies=(BENCH.omega, 3.0), **two)) == ''
 
 
 def test_no_hint_at_the_presets():
