@@ -369,7 +369,7 @@ def _design(arguments: argparse.Namespace) -> int:
         unsure = worst_cases(chosen, ranges, (low, high))
         compared = compare_dampers(chosen.built, low, high)
         plan = planned_runs(chosen.built)
-    choice = report.choice_text(tried, arguments.reduction)
+    choice = report.choice_text(tried, arguments.reduction, missed=not good)
     _write(arguments, found, choice, chosen, unsure, compared, plan)
     return 0
 

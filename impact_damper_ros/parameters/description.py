@@ -57,7 +57,8 @@ def frequency_hint(rig: RigParameters) -> str:
                 f'{given}, about 2π times {natural}; if the resonance was meant, give '
                 f'{_range(low / math.tau, high / math.tau)}'
             )
-    for number, (amplitude, frequency, phase) in enumerate(zip(*rig.harmonics, strict=True), 1):
+    force = rig.force_amplitudes, rig.force_frequencies, rig.force_phases
+    for number, (amplitude, frequency, phase) in enumerate(zip(*force, strict=True), 1):
         if amplitude and not frequency and not phase:
             return (
                 f'harmonic {number} of the force has the amplitude {amplitude:.6g} N, but '

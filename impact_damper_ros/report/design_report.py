@@ -111,7 +111,7 @@ def _fall(rig: RigParameters) -> str:
     return f', which falls with the speed from {quantity(speed, "m/s", 3)}' if speed else ''
 
 
-def choice_text(found: Mapping[float, Design | None], reduction: float) -> str:
+def choice_text(found: Mapping[float, Design | None], reduction: float, missed: bool) -> str:
     """
     Return what is to be known about the choice among mass ratios; empty if there is nothing.
 
@@ -121,11 +121,12 @@ def choice_text(found: Mapping[float, Design | None], reduction: float) -> str:
         Designs by mass ratio; None where there is none.
     reduction : float
         The share of |X| that a damper should leave at most.
+    missed : bool
+        Whether all leave more.
     """
-    designs = [design for design in found.values() if design is not None]
     missing = ', '.join(percent(ratio) for ratio, design in found.items() if design is None)
     lines = [f'No stable motion of two impacts per cycle for m/M of {missing}.'] if missing else []
-    if all(design.x_max > reduction * design.bare for design in designs):
+    if missed:
         lines.append(
             f'No damper here leaves at most {percent(reduction)} of |X| (--reduction): the one '
             'that leaves the least is chosen.'
