@@ -207,7 +207,7 @@ def _check_outputs(arguments: argparse.Namespace, grid: Grid) -> None:
             'xarray, with units) or .csv (for a spreadsheet)'
         )
     try:
-        check_format(arguments.output)
+        check_format(arguments.output, frame=bool(arguments.figure))
     except ImportError as error:
         raise CommandError(str(error)) from error
     check_outputs(arguments, arguments.params)

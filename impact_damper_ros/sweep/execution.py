@@ -47,7 +47,7 @@ from .table import (
     Columns,
     MetadataError,
     check_format,
-    read_table,
+    read_columns,
     write_table,
 )
 
@@ -266,10 +266,10 @@ def _run(
             future.cancel()
 
 
-def _existing(grid: Grid, path: Path) -> pd.DataFrame:
+def _existing(grid: Grid, path: Path) -> Columns:
     """Return the table of this sweep, if the file exists; raise MetadataError for another file."""
-    table = read_table(path)
-    differing = other_inputs(table.attrs['inputs'], grid.inputs())
+    table = read_columns(path)
+    differing = other_inputs(table.grid.inputs(), grid.inputs())
     if differing:
         raise MetadataError(f'{path} is the table of a sweep with other inputs:\n{differing}')
     return table
@@ -339,6 +339,7 @@ def sweep(
     >>> list(table.stops)
     ['1,2', '1,2', '1,2']
     """
+    check_format(output, frame=True)
     return run_grid(grid, output, executor, jobs, overwrite=overwrite, progress=progress).frame()
 
 
@@ -370,7 +371,7 @@ def run_grid(
                     f'{error}\ngive another output, or overwrite it (--overwrite)'
                 ) from None
             part_path(path).unlink(missing_ok=True)
-            return Columns.of(table)
+            return table
     with PartFile(place, grid.inputs(), anew=overwrite) as part:
         if executor is not None or jobs == 1:
             _run(grid, part, executor, progress)

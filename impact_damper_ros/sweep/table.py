@@ -304,6 +304,7 @@ _READ: dict[str, Callable[[str], Any]] = {
 _CSV_TITLE = '# Steady states of an impact damper. In pandas: read_csv(file, comment="#")'
 _CSV_INPUTS = '# impact_damper_ros.sweep: '
 _CSV_UNITS = '# units: '
+_LONGEST_TEXT = 2**31 - 1
 
 
 def _is_csv(path: Path) -> bool:
@@ -368,55 +369,61 @@ def read_table(path: str | Path) -> pd.DataFrame:
     ImportError
         Without pandas, or without pyarrow for Parquet (extra ``sweep``).
     """
-    import pandas as pd
+    check_format(path, frame=True)
+    return read_columns(Path(path)).frame()
 
-    path = Path(path)
-    check_format(path)
+
+def read_columns(path: Path) -> Columns:
+    """Read the table of a sweep, without pandas if it is CSV; the errors are those of above."""
     try:
         if _is_csv(path):
             return _read_csv(path)
+        check_format(path)
+        import pandas as pd
+
         table = pd.read_parquet(path)
-        grid = Grid.from_inputs(table.attrs['inputs'])
+        Grid.from_inputs(table.attrs['inputs'])
     except FormatError as error:
         remedy = 'use the version of impact_damper_ros that made it, or a later one'
         raise MetadataError(f'{path} is a sweep {error}; {remedy}') from None
-    except (LookupError, TypeError, ValueError) as error:
+    except (LookupError, TypeError, ValueError, csv.Error) as error:
         raise MetadataError(f'{path} is not the table of a sweep, or not complete') from error
-    return _describe(table, grid)
+    return Columns.of(table)
 
 
-def _read_csv(path: Path) -> pd.DataFrame:
+def _read_csv(path: Path) -> Columns:
     """Read a table that `write_table` has written."""
-    import pandas as pd
-
-    with path.open(encoding='utf-8') as stream:
+    # Lists are as long as the section
+    csv.field_size_limit(_LONGEST_TEXT)
+    with path.open(encoding='utf-8', newline='') as stream:
         title, head, _ = (next(stream, '') for _ in range(3))
         if title.rstrip() != _CSV_TITLE:
             raise ValueError('another file')
         grid = Grid.from_inputs(json.loads(head.removeprefix(_CSV_INPUTS)))
-        texts = pd.read_csv(stream, dtype=str, keep_default_na=False, na_values=[''])
+        lines = csv.reader(stream)
+        names, rows = next(lines, []), list(lines)
     kinds = {one.name: one.kind for one in columns_of(grid)}
-    if list(texts) != list(kinds) or len(texts) != grid.size:
+    if names != list(kinds) or len(rows) != grid.size:
         raise ValueError('not complete')
-    known = texts.astype(object).where(texts.notna(), None)
-    read = {
-        name: known[name].map(_READ[kind], na_action='ignore').tolist()
-        for name, kind in kinds.items()
+    values = {
+        name: [_READ[kind](text) if text else None for text in texts]
+        for (name, kind), texts in zip(kinds.items(), zip(*rows, strict=True), strict=True)
     }
-    table = Columns(grid, read).frame()
     # A motion without stops has an empty text, which CSV does not distinguish from a missing one.
-    table.loc[table.impacts.eq(0).fillna(False), 'stops'] = ''
-    return table
+    pairs = zip(values['stops'], values['impacts'], strict=True)
+    values['stops'] = ['' if impacts == 0 else stops for stops, impacts in pairs]
+    return Columns(grid, values)
 
 
-def check_format(path: Path | None) -> None:
-    """Raise ImportError if pandas, which makes the table, or for Parquet pyarrow is missing."""
-    needed = ['pandas'] if path is None or _is_csv(path) else ['pandas', 'pyarrow']
-    for name in needed:
+def check_format(path: Path | str | None, *, frame: bool = False) -> None:
+    """Raise ImportError if a table, or its file, needs what is not installed."""
+    parquet = path is not None and not _is_csv(Path(path))
+    for name in ['pandas'] * (frame or parquet) + ['pyarrow'] * parquet:
         # Imported later, beside the rigs that run
         if not find_spec(name):
+            what = 'makes figures and tables of Python' if frame else 'writes Parquet'
             raise ImportError(
-                f'{name}, which makes the table of a sweep, is not installed: install it with '
+                f'{name}, which {what}, is not installed: install it with '
                 f'"pip install {name}", or the package with its extra [sweep]'
-                + (', or give the table a name that ends in .csv' if name == 'pyarrow' else '')
+                + (', or give the table a name that ends in .csv' if parquet and not frame else '')
             )

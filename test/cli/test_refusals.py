@@ -263,7 +263,8 @@ def test_a_missing_matplotlib(command, words, place, monkeypatch, capsys):
     ('missing', 'words', 'message'),
     [
         ('pyarrow', '', '"pip install pyarrow", or the package with its extra [sweep], or'),
-        ('pandas', '-o a.csv', '"pip install pandas", or the package with its extra [sweep]'),
+        ('pandas', '', '"pip install pandas", or the package with its extra [sweep], or'),
+        ('pandas', '-o a.csv --figure a.png', 'pandas, which makes figures'),
     ],
 )
 def test_a_missing_library_of_sweeps(missing, words, message, place, monkeypatch, capsys):
@@ -273,6 +274,18 @@ def test_a_missing_library_of_sweeps(missing, words, message, place, monkeypatch
     assert run('sweep_rig', given) == 2
     assert message in capsys.readouterr().err
     assert sorted(place.iterdir()) == there
+
+
+def test_a_sweep_into_csv_without_pandas(place, monkeypatch, capsys):
+    for name in ('pandas', 'pyarrow'):
+        monkeypatch.setitem(sys.modules, name, None)
+    given = [*GIVEN['sweep_rig'].split(), '--vary', 'gap=1,2', '-o', 'a.csv']
+    assert run('sweep_rig', given) == 0
+    capsys.readouterr()
+    table = (place / 'a.csv').read_bytes()
+    assert run('sweep_rig', given) == 0
+    assert '2 rigs' in capsys.readouterr().err
+    assert (place / 'a.csv').read_bytes() == table
 
 
 @pytest.mark.parametrize('text', ['', '{', 'other:\n  a: 1\n'])
