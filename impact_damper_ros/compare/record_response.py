@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a rig over time, for runs under measured records."""
+"""Motion of a rig over time, as it is drawn, and sized under measured records."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_damper_ros.measured.record import BASE_RECORD
+from impact_damper_ros.motion.event import Event
 from impact_damper_ros.rig.observed_run import Observer
 from impact_damper_ros.rig.rig import Rig
 
@@ -28,9 +30,11 @@ class RecordResponse(NamedTuple):
     times : ndarray, shape (n,)
         Instants, s.
     displacement : ndarray, shape (n,)
-        X - b, m.
-    offset : ndarray, shape (n,)
-        Y, m.
+        X, m; X - b if a record moves the base.
+    name : str
+        Which of them it is, 'X' or 'X - b'.
+    course : ndarray, shape (2, m)
+        The same instants and those of all events, s, and Y at them, m.
     stops : ndarray, shape (n, 2)
         Y of both stops, m.
     base : tuple of float
@@ -39,7 +43,8 @@ class RecordResponse(NamedTuple):
 
     times: Array
     displacement: Array
-    offset: Array
+    name: str
+    course: Array
     stops: Array
     base: tuple[float, float]
 
@@ -53,10 +58,15 @@ class RecordSamples(Observer):
         count = max(2, math.ceil(duration * rig.parameters.omega / math.tau * _LOOKS))
         self.times = np.linspace(rig.time, rig.time + duration, count + 1)
         self._taken: list[NDArray[np.void]] = []
+        self._passed: list[tuple[float, float]] = []
 
     def instants(self) -> Iterator[float]:
         """Yield the instants of the samples, s."""
         return iter(self.times.tolist())
+
+    def take_events(self, events: Sequence[Event]) -> None:
+        """Keep where m is at events: between samples it reaches the stops and leaves them."""
+        self._passed += [(event.time, event.y) for event in events]
 
     def take_samples(self, samples: NDArray[np.void]) -> None:
         """Keep samples."""
@@ -69,4 +79,8 @@ class RecordSamples(Observer):
         taken = np.concatenate(self._taken)
         x = taken['x']
         stops = np.column_stack([taken['stop_1'] - x, taken['stop_2'] - x])
-        return RecordResponse(self.times, x - taken['base'], taken['z'] - x, stops, base)
+        course = np.array([*zip(self.times, taken['z'] - x, strict=True), *self._passed]).T
+        course = course[:, np.argsort(course[0], kind='stable')]
+        carried = any(r.quantity == BASE_RECORD for r in self._rig.measured_records)
+        name, place = ('X - b', x - taken['base']) if carried else ('X', x)
+        return RecordResponse(self.times, place, name, course, stops, base)

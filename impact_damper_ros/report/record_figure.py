@@ -25,10 +25,8 @@ def _sizes(displacement: Array) -> str:
 
 def record_text(found: RecordResponse, records: Sequence[MeasuredRecord]) -> str:
     """Return the response to measured records in words."""
-    moved = any(record.quantity == BASE_RECORD for record in records)
-    what = '|X - b|' if moved else '|X|'
-    lines = [f'records     {what} {_sizes(found.displacement)}']
-    if moved:
+    lines = [f'records     |{found.name}| {_sizes(found.displacement)}']
+    if any(record.quantity == BASE_RECORD for record in records):
         place, speed = found.base
         lines.append(
             f"base        at the end b = {place:.5g} m, b' = {speed:.5g} m/s, the integrals of "
@@ -50,12 +48,11 @@ def record_figure(
         finish_panel(panel, 'abc'[number], '', '')
         label, unit = ("b''", 'm/s²') if record.quantity == BASE_RECORD else ('Force', 'N')
         unit_axis(panel.yaxis, label, unit, record.values)
-    moved = any(record.quantity == BASE_RECORD for record in records)
     primary.plot(found.times, found.displacement, color=COLORS['primary'], lw=1.0)
     finish_panel(primary, 'abc'[len(records)], '', '')
-    unit_axis(primary.yaxis, 'X − b' if moved else 'X', 'm', found.displacement)
+    unit_axis(primary.yaxis, found.name.replace('-', '−'), 'm', found.displacement)
     damper.plot(found.times, found.stops, color=COLORS['stop'], lw=1.2)
-    damper.plot(found.times, found.offset, color=COLORS['damper'], lw=1.0)
+    damper.plot(*found.course, color=COLORS['damper'], lw=1.0)
     damper.set_xlim(found.times[0], found.times[-1])
     finish_panel(damper, 'abcd'[len(records) + 1], 'Time [s]', '')
     unit_axis(damper.yaxis, 'Y, and the stops', 'm', found.stops)

@@ -136,28 +136,43 @@ def test_bad_tables(tmp_path, capsys, option, text, problem):
 
 
 @pytest.mark.parametrize(
-    'words', ['', '--base-psd psd.csv --psd-lines 20', '--set sweep_mode=up --change 1:gap=9']
+    'words',
+    [
+        '',
+        '--base-psd psd.csv --psd-lines 20',
+        '--set sweep_mode=up --change 1:gap=9',
+        '--set base_amplitudes=0.1g --set base_frequencies=3Hz',
+    ],
 )
 def test_a_motion_is_drawn(words, table, monkeypatch):
-    """Where there is no response over frequency; X, Y and the stops at 64 instants a cycle."""
+    """Where no response over frequency is: at 64 instants a cycle, and m at its impacts, too."""
     drawn = []
     monkeypatch.chdir(table.parent)
     monkeypatch.setattr(simulate_rig, 'draw', lambda *given: drawn.append(given))
-    assert simulate('--duration', 2, '--figure', 'a.png', '--states', 's.csv', *words.split()) == 0
+    outputs = ('--figure', 'a.png', '--states', 's.csv', '--impacts', 'i.csv')
+    assert simulate('--duration', 2, *outputs, *words.split()) == 0
     ((path, draw, motion, records, title),) = drawn
     assert (path, records, draw) == (Path('a.png'), [], simulate_rig.record_figure)
     rows = rows_of(Path('s.csv'))
     assert len(motion.times) == 642
     times = np.array([float(row['time']) for row in rows])
-    x, z, b, stop = (
-        np.array([float(r[name]) for r in rows]) for name in ('x', 'z', 'base', 'stop_1')
+    x, z, stop = (np.array([float(r[name]) for r in rows]) for name in ('x', 'z', 'stop_1'))
+    assert np.interp(motion.times, times, x) == pytest.approx(motion.displacement, abs=1e-3)
+    instants, y = motion.course
+    assert np.interp(instants, times, z - x) == pytest.approx(y, abs=2e-3)
+    hits = [float(row['time']) for row in rows_of(Path('i.csv'))]
+    assert np.isin(hits, instants).all()
+    sides = (
+        2.0
+        * y[np.isin(instants, hits)]
+        / np.interp(hits, motion.times, np.ptp(motion.stops, axis=1))
     )
-    assert np.interp(motion.times, times, x - b) == pytest.approx(motion.displacement, abs=1e-3)
-    assert np.interp(motion.times, times, z - x) == pytest.approx(motion.offset, abs=2e-3)
+    assert abs(sides) == pytest.approx(1.0)
     assert np.interp(0.9, times, stop - x) == pytest.approx(motion.stops[0, 0])
     figure = draw(motion, records, title)
     primary, damper = figure.axes
     assert np.ptp(primary.lines[0].get_ydata()) > 0.0
+    assert primary.get_ylabel().startswith('X [')
     assert len(damper.lines) == 3
 
 

@@ -24,6 +24,7 @@ def test_displacement_from_a_base_that_moves():
     assert len(found.times) > 1.5 * rig.omega / math.tau * 60
     assert np.diff(found.times) == pytest.approx(1.5 / (len(found.times) - 1))
     rows = twin.run(1.5, found.times).samples
+    assert found.name == 'X - b'
     assert found.displacement == pytest.approx(rows['x'] - rows['base'], abs=1e-15)
     assert rows['base'] == pytest.approx(0.15 * found.times**2, abs=1e-12)
     assert found.base == pytest.approx((0.15 * 1.5**2, 0.45))
