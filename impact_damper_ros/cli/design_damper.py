@@ -50,9 +50,6 @@ EXIT_NONE = 3
 #: Mass ratios that are tried by default.
 MASS_RATIOS = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1)
 _LEVELS = (0.5, 2.0)
-#: Mass ratio of a structure whose damper is not designed yet.
-_ANY_MASS_RATIO = 0.05
-
 #: Restitution by default.
 _RESTITUTION = 0.6
 #: A range as it is written in a text.
@@ -249,8 +246,8 @@ _SHAKERS = ('force_', 'base_', 'multisine_', 'sweep_')
 _Ranges = dict[str, tuple[float, float]]
 
 
-def _rig(arguments: argparse.Namespace) -> tuple[RigParameters, _Ranges]:
-    """Return the structure with a damper of some mass, and its uncertain parameters."""
+def _rig(arguments: argparse.Namespace) -> tuple[RigParameters, _Ranges, Sequence[float]]:
+    """Return the structure with a damper, its uncertain parameters, and mass ratios to try."""
     fitted = None if arguments.fitted is None else load_fitted(arguments.fitted)
     values, ranges = (dict(fitted.values), dict(fitted.ranges)) if fitted else ({}, {})
     for option, (name, replaced) in _STRUCTURE.items():
@@ -274,16 +271,19 @@ def _rig(arguments: argparse.Namespace) -> tuple[RigParameters, _Ranges]:
     for name in ('angle', 'restitution_speed'):
         if getattr(arguments, name) is not None:
             values[name] = getattr(arguments, name)
+    ratios = _mass_ratios(arguments)
     if 'damper_mass' not in values:
-        values['mass_ratio'] = _ANY_MASS_RATIO
+        values['mass_ratio'] = ratios[0]
     rig = _shaken(arguments, values)
+    if 'damper_mass' in values and arguments.mass_ratio is None:
+        ratios = (rig.mass_ratio,)
     if not rig.periodic_force:
         raise ValueError(
             'the excitation is 0, or not one lasting sine: give --base or --force an amplitude'
         )
     if rig.damping == 0.0:
         raise ValueError('--damping-ratio is 0: give what the structure has, such as 0.5%')
-    return rig, {name: ends for name, ends in ranges.items() if ends[0] < ends[1]}
+    return rig, {name: ends for name, ends in ranges.items() if ends[0] < ends[1]}, ratios
 
 
 def _shaken(arguments: argparse.Namespace, values: dict[str, Any]) -> RigParameters:
@@ -304,9 +304,9 @@ def _shaken(arguments: argparse.Namespace, values: dict[str, Any]) -> RigParamet
     return rig.with_first_frequency(rate) if arguments.at else rig
 
 
-def _mass_ratios(arguments: argparse.Namespace, rig: RigParameters) -> Sequence[float]:
+def _mass_ratios(arguments: argparse.Namespace) -> Sequence[float]:
     if arguments.mass_ratio is None:
-        return MASS_RATIOS if rig.mass_ratio == _ANY_MASS_RATIO else (rig.mass_ratio,)
+        return MASS_RATIOS
     low, high = arguments.mass_ratio
     if high > 1.0:
         raise ValueError(
@@ -347,7 +347,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _design(arguments: argparse.Namespace) -> int:
     """Find the damper of a structure."""
-    rig, ranges = _rig(arguments)
+    rig, ranges, ratios = _rig(arguments)
     if not has_numba():
         raise CommandError(
             'a design runs thousands of rigs, for which they have to be compiled: pip install '
@@ -355,7 +355,7 @@ def _design(arguments: argparse.Namespace) -> int:
             EXIT_FAILED,
         )
     with long_work('design_damper', 'still looking for the best gaps; Ctrl-C ends it'):
-        tried = {r: best_design(rig.replace(mass_ratio=r)) for r in _mass_ratios(arguments, rig)}
+        tried = {r: best_design(rig.replace(mass_ratio=r)) for r in ratios}
         found = [design for design in tried.values() if design is not None]
         if not found:
             raise CommandError(

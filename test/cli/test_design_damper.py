@@ -12,7 +12,7 @@ import pytest
 from design.brute_force import from_rest
 
 from impact_damper_ros import Rig, RigParameters, load_parameters
-from impact_damper_ros.cli.design_damper import _parser, _rig, main
+from impact_damper_ros.cli.design_damper import MASS_RATIOS, _parser, _rig, main
 from impact_damper_ros.cli.simulate_rig import main as simulate_rig
 from impact_damper_ros.design.runs_from_rest import at_level
 
@@ -245,6 +245,13 @@ def test_numbers_as_people_type_them():
     assert known[0][0].base_amplitudes == pytest.approx((0.2 * 9.80665,), rel=1e-15)
 
 
+@pytest.mark.parametrize('mass', [11, 12, 13])
+def test_all_mass_ratios_are_tried_of_any_structure(mass):
+    """Round-off of M decides nothing: 0.05 of 12 kg, over 12 kg, is 0.05 again."""
+    given = _parser().parse_args(['--mass', f'{mass}kg', *STRUCTURE[2:]])
+    assert _rig(given)[2] == MASS_RATIOS
+
+
 def test_a_structure_has_to_be_known(capsys):
     assert main(['--mass', '5kg', '--base', '0.2g']) == 2
     assert 'give --frequency, --damping-ratio, or a fitted rig by --fitted' in (
@@ -291,7 +298,8 @@ def test_intervals_of_a_fit_are_the_uncertainty(tmp_path):
     known = {name: {'value': sum(one) / 2, 'interval': one} for name, one in ends.items()}
     rig = RigParameters(damper_mass=0.3, friction=0.004, force_amplitudes=(7.0,))
     fitted.write_text(json.dumps({'parameters': known, 'rig': rig.as_dict()}))
-    found, ranges = _rig(_parser().parse_args(['--fitted', str(fitted)]))
+    found, ranges, ratios = _rig(_parser().parse_args(['--fitted', str(fitted)]))
+    assert ratios == (rig.mass_ratio,)
     assert ranges == {
         'restitution_1': (0.58, 0.644),
         'friction': (0.0, 0.01),
