@@ -33,7 +33,7 @@ class RecordResponse(NamedTuple):
         X, m; X - b if a record moves the base.
     name : str
         Which of them it is, 'X' or 'X - b'.
-    course : ndarray, shape (2, m)
+    offset : ndarray, shape (2, m)
         The same instants and those of all events, s, and Y at them, m.
     stops : ndarray, shape (n, 2)
         Y of both stops, m.
@@ -44,7 +44,7 @@ class RecordResponse(NamedTuple):
     times: Array
     displacement: Array
     name: str
-    course: Array
+    offset: Array
     stops: Array
     base: tuple[float, float]
 
@@ -79,8 +79,8 @@ class RecordSamples(Observer):
         taken = np.concatenate(self._taken)
         x = taken['x']
         stops = np.column_stack([taken['stop_1'] - x, taken['stop_2'] - x])
-        course = np.array([*zip(self.times, taken['z'] - x, strict=True), *self._passed]).T
-        course = course[:, np.argsort(course[0], kind='stable')]
+        offset = np.array([*zip(self.times, taken['z'] - x, strict=True), *self._passed]).T
+        offset = offset[:, np.argsort(offset[0], kind='stable')]
         carried = any(r.quantity == BASE_RECORD for r in self._rig.measured_records)
         name, place = ('X - b', x - taken['base']) if carried else ('X', x)
-        return RecordResponse(self.times, place, name, course, stops, base)
+        return RecordResponse(self.times, place, name, offset, stops, base)

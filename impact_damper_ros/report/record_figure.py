@@ -52,7 +52,7 @@ def record_figure(
     finish_panel(primary, 'abc'[len(records)], '', '')
     unit_axis(primary.yaxis, found.name.replace('-', '−'), 'm', found.displacement)
     damper.plot(found.times, found.stops, color=COLORS['stop'], lw=1.2)
-    damper.plot(*found.course, color=COLORS['damper'], lw=1.0)
+    damper.plot(*found.offset, color=COLORS['damper'], lw=1.0)
     damper.set_xlim(found.times[0], found.times[-1])
     finish_panel(damper, 'abcd'[len(records) + 1], 'Time [s]', '')
     unit_axis(damper.yaxis, 'Y, and the stops', 'm', found.stops)

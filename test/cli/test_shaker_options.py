@@ -158,7 +158,7 @@ def test_a_motion_is_drawn(words, table, monkeypatch):
     times = np.array([float(row['time']) for row in rows])
     x, z, stop = (np.array([float(r[name]) for r in rows]) for name in ('x', 'z', 'stop_1'))
     assert np.interp(motion.times, times, x) == pytest.approx(motion.displacement, abs=1e-3)
-    instants, y = motion.course
+    instants, y = motion.offset
     assert np.interp(instants, times, z - x) == pytest.approx(y, abs=2e-3)
     hits = [float(row['time']) for row in rows_of(Path('i.csv'))]
     assert np.isin(hits, instants).all()
