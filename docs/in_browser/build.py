@@ -39,6 +39,7 @@ from impact_damper_ros.parameters.gap_control_parameters import GapControlParame
 from impact_damper_ros.parameters.parameter_spec import specs_of
 from impact_damper_ros.parameters.quoting import plural
 from impact_damper_ros.parameters.rig_parameters import InitialConditions, RigParameters
+from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import REMEDY, RunawayError
 from impact_damper_ros.rig.stepped_sine import FirstAngle
@@ -138,7 +139,8 @@ def translated() -> str:
     ]
     program = Translator(runtime + own, REPLACED, LEFT_OUT, source, given)
     constants: dict[str, Any] = {f'{one.__name__}.specs': specs_of(one) for one in TABLES}
-    text = program.program(ROOTS, {**constants, 'PRESETS': presets.load_presets()})
+    constants |= {'PRESETS': presets.load_presets(), 'STRUCTURE': tuple(STRUCTURE_SPECS)}
+    text = program.program(ROOTS, constants)
     return f'{runtime}\n// Translated from Python\n\n{text}'
 
 

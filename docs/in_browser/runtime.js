@@ -566,10 +566,33 @@ function $format(value, how, quoted = false) {
 }
 const $exponent = (text) => text.replace(/e([+-])(\d)$/, 'e$10$2');
 
-// What the page does without: laws of one's own, names of a structure or misspelt, tables of numpy
+// What the page does without: laws of one's own, names of a structure, tables of numpy
 
 const table_of_events = () => { throw new Error('no table of events'); };
 const events_of_table = table_of_events;
 const own_law_acts = () => { throw new Error('no law of its own'); };
 const resolve_structure = (changes) => changes;
-const similar_names = () => '';
+
+// Misspelt names, as Python's difflib compares them
+
+/** Number of characters in the longest common part of two texts, and in those beside it on each side. */
+function $in_common(one, other) {
+  let [size, start, begin] = [0, 0, 0];
+  for (let i = 0; i < one.length; i += 1) {
+    for (let j = 0; j < other.length; j += 1) {
+      let k = 0;
+      while (i + k < one.length && one[i + k] === other[j + k]) k += 1;
+      if (k > size) [size, start, begin] = [k, i, j];
+    }
+  }
+  return size && size + $in_common(one.slice(0, start), other.slice(0, begin)) + $in_common(one.slice(start + size), other.slice(begin + size));
+}
+function similar_names(name, names, cutoff = 0.6) {
+  const text = String(name).slice(0, 80);
+  const known = [...$iterable(names)];
+  const numbered = known.filter((one) => one.startsWith(`${text}_`) && /^\d+$/.test(one.slice(text.length + 1)));
+  if (numbered.length) return numbered.join(' and ');
+  const ratio = (one) => (2 * $in_common(one, text)) / (one.length + text.length);
+  const near = known.filter((one) => ratio(one) >= cutoff);
+  return near.sort((one, other) => ratio(other) - ratio(one) || (one < other ? 1 : -1))[0] ?? '';
+}

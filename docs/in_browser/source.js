@@ -244,7 +244,12 @@ class RigInPage extends Source {
   /** Return the parts of the rig with values; what is wrong with one says the table of parameters. */
   parted(values) {
     const before = this.values();
-    for (const name of Object.keys(values)) if (!(name in before)) throw new RequestError(`${name} needs the installed package`);
+    for (const name of Object.keys(values)) {
+      if (name in before) continue;
+      if (name in ALL_SPECS || STRUCTURE.includes(name)) throw new RequestError(`${name} needs the installed package`);
+      const near = similar_names(name, ALL_SPECS);
+      throw new RequestError(`${name} is not a parameter of this rig: ${near ? `did you mean ${near}?` : 'the documentation has a table of all parameters'}`);
+    }
     const parts = { ...this.parts };
     for (const [part, kind] of Object.entries(tables)) {
       const own = Object.fromEntries(Object.entries(values).filter(([name]) => name in kind.specs));

@@ -15,7 +15,9 @@ from impact_damper_ros.page import knobs
 from impact_damper_ros.page.motion import MotionHistory, Stretch
 from impact_damper_ros.page.numbers import numbers_of
 from impact_damper_ros.page.presets import load_presets
+from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.parameter_spec import ParameterError
+from impact_damper_ros.parameters.quoting import similar_names
 from impact_damper_ros.theory.expected_motion import predictions, run_ahead
 from impact_damper_ros.theory.gap_curve import follow_gap
 from impact_damper_ros.theory.motion_curve import orbit_curve
@@ -134,6 +136,39 @@ def test_what_is_typed_is_read_and_refused_as_by_the_package(bare):
             expected.append(str(error))
     assert found == expected
     assert len({one for one in expected if isinstance(one, str)}) > 8
+
+
+def test_names_that_are_no_parameter_are_named_as_by_the_package(bare):
+    """In a link; also what only the package has."""
+    names = [
+        *('gapp', 'gab', 'restitution', 'frcition', 'force_amplitude', 'stifness', 'mass', 'x'),
+        *('inital_damper_velocity', 'gap_control_gian', 'friktion', 'colour', 'recrod', 'Gap'),
+    ]
+    elsewhere = ['record', 'natural_frequency']
+    bare.evaluate(
+        """(names) => {
+          globalThis.reasons = [];
+          const socket = rigInPage();
+          socket.onmessage = ({ data }) => {
+            const { type, reason } = typeof data === 'string' ? JSON.parse(data) : {};
+            if (type === 'answer') reasons.push(reason);
+          };
+          for (const name of names) {
+            socket.send(JSON.stringify({ type: 'begin', id: name, values: { [name]: 0.03 } }));
+          }
+          queueMicrotask(() => socket.close());
+        }""",
+        [*names, *elsewhere],
+    )
+    found = bare.evaluate('reasons')
+    for name, reason in zip(names, found, strict=False):
+        near = similar_names(name, ALL_SPECS)
+        hint = (
+            f'did you mean {near}?' if near else 'the documentation has a table of all parameters'
+        )
+        assert reason == f'{name} is not a parameter of this rig: {hint}'
+    assert found[len(names) :] == [f'{name} needs the installed package' for name in elsewhere]
+    assert 'did you mean gap?' in found[0]
 
 
 def test_rigs_that_no_rig_can_be_are_refused_as_by_the_package(bare):
