@@ -241,6 +241,7 @@ def status_lines(statuses: Sequence[DiagnosticStatus]) -> str:
 
 def watch(node: Any, name: str) -> None:
     """Print the diagnostics of a rig as they come, without end."""
+    say('set_rig', f'waiting for the first report of {name}; Ctrl-C ends it')
     reports = Reports(node, name)
     while True:
         for statuses in reports.take():
@@ -249,9 +250,11 @@ def watch(node: Any, name: str) -> None:
         time.sleep(0.1)
 
 
-def _unit_note(values: Mapping[str, Any]) -> str:
-    """Return whether a frequency of a rig may have been given in Hz, in words."""
-    return frequency_hint(RigParameters(**{name: values[name] for name in PARAMETER_SPECS}))
+def _unit_note(*values: Mapping[str, Any]) -> str:
+    """Return whether a change, to the first values, may have given a frequency in Hz, in words."""
+    return frequency_hint(
+        *(RigParameters(**{name: one[name] for name in PARAMETER_SPECS}) for one in values)
+    )
 
 
 def _set(arguments: argparse.Namespace) -> int:
@@ -260,7 +263,7 @@ def _set(arguments: argparse.Namespace) -> int:
         if arguments.watch and not arguments.settings:
             watch(node, rig.name)
         present = rig.values()
-        known = _unit_note(present)
+        before = present
         given = values_of(arguments.settings, [*present, *STRUCTURE_SPECS], '', 'set_rig')
         given = resolve_structure(
             given, checked_number, present['primary_mass'], present['stiffness']
@@ -270,8 +273,7 @@ def _set(arguments: argparse.Namespace) -> int:
                 say('set_rig', waits)
             present = rig.values()
         print(parameter_list(given or present, present))
-        # A note that was true before is not repeated at each other change.
-        if (note := _unit_note(present)) and note != known:
+        if note := _unit_note(present, before):
             say('set_rig', f'note: {note}')
         if arguments.watch:
             watch(node, rig.name)

@@ -369,7 +369,7 @@ class SimNode(Node):
         """Make the consequences of a change other than the motion of the rig."""
         self._describe(after)
         self._diagnostics.factor = after.real_time_factor
-        if (hint := frequency_hint(after.rig)) and hint != frequency_hint(before.rig):
+        if hint := frequency_hint(after.rig, before.rig):
             self.get_logger().warning(hint)
         if after.predict_motion != before.predict_motion:
             self._theory.enable(after.predict_motion)

@@ -10,7 +10,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 #: Frequencies this close to 1/(2 pi) or 2 pi times the natural one may be in the wrong unit.
-_NEAR = 1.25
+_NEAR = 1.08
 
 
 def describe_rig(rig: RigParameters) -> str:
@@ -38,21 +38,31 @@ times the natural one; gap 37 m; horizontal'
     return '; '.join(parts)
 
 
-def frequency_hint(rig: RigParameters) -> str:
-    """Return a hint if a frequency looks as if it were in Hz, or is missing; else nothing."""
+def frequency_hint(rig: RigParameters, before: RigParameters | None = None) -> str:
+    """
+    Return a hint if a frequency looks as if it were in Hz, or is missing; else nothing.
+
+    After a change, of the rig `before`, only what its frequencies did not call for yet.
+    """
+    hint = _hint(rig, rig.omega)
+    return '' if before is not None and hint == _hint(before, rig.omega) else hint
+
+
+def _hint(rig: RigParameters, omega: float) -> str:
+    """Return the hint on the frequencies of a rig, beside a natural one."""
     for name, low, high in _bands(rig):
-        if low <= rig.omega <= high:
+        if low <= omega <= high:
             continue
         one = low == high
         given = f'{name} {"is" if one else "are"} {_range(low, high)} rad/s'
-        natural = f'the natural frequency, {rig.omega:.6g} rad/s'
-        if _near(rig.omega, math.tau * low, math.tau * high):
+        natural = f'the natural frequency, {omega:.6g} rad/s'
+        if _near(omega, math.tau * low, math.tau * high):
             return (
                 f'{given}, about 1/(2π) times {natural}: frequencies are in rad/s, '
                 f'1 Hz = 6.283 rad/s; if Hz were meant, give '
                 f'{_range(math.tau * low, math.tau * high)}'
             )
-        if _near(rig.omega, low / math.tau, high / math.tau):
+        if _near(omega, low / math.tau, high / math.tau):
             return (
                 f'{given}, about 2π times {natural}; if the resonance was meant, give '
                 f'{_range(low / math.tau, high / math.tau)}'

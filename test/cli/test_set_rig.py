@@ -145,6 +145,8 @@ def test_diagnostics_are_watched(tmp_path):
 
         process.until(watched)
         assert process.stop() == 130
+    wait = 'set_rig: waiting for the first report of /bench/sim_node; Ctrl-C ends it'
+    assert wait in process.errors
     lines = process.output.splitlines()
     assert lines[0].startswith('parameter  value')
     assert lines[1].startswith('gap        0.012')

@@ -63,7 +63,7 @@ def test_line_names_what_is_out_of_the_ordinary(changes, words):
     assert words in describe_rig(BENCH.replace(**changes))
 
 
-@pytest.mark.parametrize('factor', [0.85, 1.0, 1.2])
+@pytest.mark.parametrize('factor', [0.93, 1.0, 1.07])
 def test_hint_at_hertz(factor):
     """A frequency near the resonance, in Hz; and one multiplied by 2 pi once too often."""
     meant = factor * BENCH.omega
@@ -74,9 +74,20 @@ def test_hint_at_hertz(factor):
     assert hint.endswith(f'if the resonance was meant, give {meant:.6g}')
 
 
-@pytest.mark.parametrize('share', [0.25, 0.5, 0.9, 1.0, 1.02, 2.0, 3.0, 0.05])
+@pytest.mark.parametrize('share', [0.25, 0.5, 0.9, 1.0, 1.02, 2.0, 3.0, 0.05, 7.5, 1 / 7.5])
 def test_no_hint_elsewhere(share):
     assert frequency_hint(BENCH.replace(force_frequencies=share * BENCH.omega)) == ''
+
+
+def test_hint_once_a_change_of_the_frequency():
+    """Not at each change of the spring or of anything else."""
+    meant, other = ({'force_frequencies': f * BENCH.omega / math.tau} for f in (1.0, 1.03))
+    rig = BENCH.replace(**meant)
+    assert frequency_hint(rig, BENCH)
+    for change in ({'gap': 0.02}, {'stiffness': 1.01 * BENCH.stiffness}):
+        assert frequency_hint(rig.replace(**change))
+        assert frequency_hint(rig.replace(**change), rig) == ''
+    assert frequency_hint(rig.replace(**other), rig)
 
 
 def test_hint_at_bands():
