@@ -210,7 +210,10 @@ def _stops_text(stops: tuple[int, ...], search: OrbitSearch) -> str:
     line = f'stops {",".join(map(str, stops))}: '
     if complete:
         return f'{line}all solutions, {len(search.orbits)} found'
-    return f'{line}{len(search.orbits)} found; {converged} of {starts} starts converged'
+    found = len(search.orbits)
+    these = 'these, or to ' if found else ''
+    led = f', to {these}motions of other stops or fewer impacts' if converged else ''
+    return f'{line}{found} found; {converged} of {starts} starts converged{led}'
 
 
 def _settled_text(found: SettledMotion) -> str:

@@ -54,7 +54,9 @@ def test_all_sequences_if_none_is_named(tmp_path, capsys):
         (1, 2, 2, 2),
     }
     output = capsys.readouterr().out
-    assert 'stops 1,2,1,2: 0 found; 15 of 615 starts converged' in output
+    led = 'to motions of other stops or fewer impacts'
+    assert f'stops 1,2,1,2: 0 found; 15 of 615 starts converged, {led}' in output
+    assert f'starts converged, to these, or {led}' in output
 
 
 def test_ranges_of_impacts_and_cycles(tmp_path, capsys):
