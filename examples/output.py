@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from impact_damper_ros.report.drawing import (
 
 __all__ = [
     'BLUE', 'GREEN', 'GREY', 'MARKS', 'ORANGE', 'PURPLE', 'blank_figure', 'finish_panel',
-    'options', 'print_style', 'save', 'set_ticks', 'show', 'write_rows',
+    'options', 'print_style', 'save', 'say', 'set_ticks', 'show', 'write_rows',
 ]  # fmt: skip
 
 GREY = '#777777'
@@ -40,6 +41,11 @@ def options(doc: str) -> argparse.Namespace:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     return arguments
+
+
+def say(text: str) -> None:
+    """Print what is being done to the standard error, at once."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def show(head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

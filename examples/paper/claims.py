@@ -38,7 +38,7 @@ from impact_damper_ros import (
     run_flights,
     with_value,
 )
-from output import options, show, write_rows
+from output import options, say, show, write_rows
 
 #: Relative change of the displacement that counts as small in practice.
 SMALL = 0.1
@@ -753,14 +753,20 @@ def control_claim(found: Found) -> Claim:
 
 def all_claims(quick: bool) -> Iterator[Claim]:
     """Compute all figures, and judge the claims in the order of the paper's figures."""
-    figures = {'2': figure_2, '3': figure_3, '4': figure_4, '6': figure_6}
-    found = {name: module.series_of_figure(quick) for name, module in figures.items()}
+    say(f'The figures come first, which takes {"a minute or two" if quick else "some minutes"}.')
+    found = {}
+    for module in (figure_2, figure_3, figure_4, figure_6):
+        name = module.__name__[-1]
+        say(f'Figure {name}')
+        found[name] = module.series_of_figure(quick)
+    say('The claims')
     yield from theory_claims(
         {f'{figure}: {name}': one for figure, row in found.items() for name, one in row.items()}
     )
     yield from gap_claims(found['2'])
     yield from response_claims(found['3'])
     yield from natural_frequency_claims(found['4'])
+    say('Figure 5')
     yield from optimum_claims(figure_5.optima_of_figure(quick))
     yield from air_claims(found['6'])
     yield from vertical_claims()
@@ -773,14 +779,15 @@ def main() -> None:
     arguments = options(__doc__)
     if arguments.quick:
         print('A coarse look: verdicts may differ from those of the full run.\n', flush=True)
-    claims = list(all_claims(arguments.quick))
-    for number, claim in enumerate(claims, 1):
+    claims = []
+    for number, claim in enumerate(all_claims(arguments.quick), 1):
+        claims.append(claim)
         print(f'{number}. [{claim.about}] {claim.text}')
         print('   ' + ', '.join(f'{name} {value:.5g}' for name, value in claim.numbers.items()))
         print(
             '   ' + ', '.join(f'{"yes" if h else "NO"}: {name}' for name, h in claim.holds.items())
         )
-        print(f'   -> {claim.verdict}\n')
+        print(f'   -> {claim.verdict}\n', flush=True)
     show(
         ('no.', 'about', 'claim', 'verdict', 'does not hold'),
         (

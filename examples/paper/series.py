@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -35,7 +36,7 @@ from impact_damper_ros import (
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from output import BLUE, GREEN, MARKS, ORANGE, PURPLE, show, write_rows
+from output import BLUE, GREEN, MARKS, ORANGE, PURPLE, say, show, write_rows
 
 #: Motions closer than this are the same: solutions, and a settled run and a solution.
 SAME, REACHED = 1e-7, 1e-5
@@ -170,11 +171,16 @@ def best_of(branches: Iterable[Branch]) -> Best | None:
 
 
 def computed(work: Mapping[str, Callable[[], Series]]) -> dict[str, Series]:
-    """Compute some series, each in a process."""
+    """Compute some series, each in a process; say when each is done."""
+    begun = time.perf_counter()
+    say(f'computing {len(work)} series')
     # The matrices are tiny: threads of a linear algebra library would only disturb
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     with ProcessPoolExecutor(mp_context=get_context('spawn')) as pool:
         found = {name: pool.submit(one) for name, one in work.items()}
+        for name, future in found.items():
+            future.result()
+            say(f'  {name}: done after {time.perf_counter() - begun:.0f} s')
         return {name: future.result() for name, future in found.items()}
 
 
