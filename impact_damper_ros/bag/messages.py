@@ -305,7 +305,7 @@ def message_row(numbers: int) -> np.dtype[np.void]:
 
     return np.dtype(
         [
-            ('log_ns', np.int64),  # stamp of the recording
+            ('place', np.int64),  # place in the recording, if the reader gives one
             ('stamp_ns', np.int64),  # stamp in the message
             ('frame', 'U16'),  # the stop of an impact, an act, or a state that is no sample
             ('numbers', np.float64, (numbers,)),
@@ -434,13 +434,13 @@ class JointStateRows:
         return layout
 
     def read(
-        self, contents: Sequence[bytes], log_ns: int | Sequence[int]
+        self, contents: Sequence[bytes], places: Sequence[int] | int = 0
     ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
         """Return messages as `message_row`, and a mask of those that can be read."""
         import numpy as np
 
         found = np.zeros(len(contents), message_row(sum(self._counts)))
-        found['log_ns'] = log_ns
+        found['place'] = places
         readable = np.ones(len(contents), dtype=np.bool_)
         sizes = np.fromiter(map(len, contents), dtype=np.int64, count=len(contents))
         for size in np.unique(sizes).tolist():

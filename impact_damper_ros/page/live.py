@@ -265,7 +265,7 @@ class LiveRig(Source):
         """Return messages of a topic by stretch."""
         if not contents:
             return []
-        rows, readable = self._readers[topic].read(contents, 0)
+        rows, readable = self._readers[topic].read(contents)
         rows = rows[readable]
         if topic == 'joint_states' and len(rows):
             self._paused = bool(rows['frame'][-1] == PAUSED_FRAME)

@@ -139,7 +139,7 @@ def _measurements(run: RecordedRun, offsets: list[tuple[int, int]]) -> NDArray[n
     with contextlib.suppress(RecordingError):
         wanted = [(topic, JOINT_STATE)]
         contents.extend(record.content for record in run.reader.messages(wanted))
-    rows, readable = JointStateRows(AXIS_JOINTS, (4, 4, 0)).read(contents, 0)
+    rows, readable = JointStateRows(AXIS_JOINTS, (4, 4, 0)).read(contents)
     stamps_ns, offsets_ns = np.array(offsets).T
     rows = rows[readable]
     place = np.searchsorted(stamps_ns, rows['stamp_ns'], side='right') - 1

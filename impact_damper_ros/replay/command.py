@@ -32,6 +32,7 @@ from impact_damper_ros.parameters.rig_parameters import (
     RigParameters,
 )
 from impact_damper_ros.parameters.upgrades import FormatError
+from impact_damper_ros.rig.observed_run import TimedOrder
 from impact_damper_ros.rig.rig import Rig
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import LATEST, SAME_TIME, check_number, check_numbers, present
@@ -137,6 +138,11 @@ class Command(NamedTuple):
         `rig.snapshot.ARITHMETIC`, and of its machine, see `bag.snapshots.mathematics`.
     law : OwnLaw or None
         The law of the user's own that moves its stops, which the snapshot only names.
+    orders : list of TimedOrder
+        Orders of a controller outside the rig with its stamp. The first of them may precede the
+        snapshot: its state shows which.
+    recorded_before : int
+        Number of these orders that the node recorded before the snapshot.
     """
 
     stamp_ns: int
@@ -154,6 +160,8 @@ class Command(NamedTuple):
     arithmetic: int
     mathematics: int
     law: OwnLaw | None = None
+    orders: Sequence[TimedOrder] = ()
+    recorded_before: int = 0
 
     @property
     def time(self) -> float:

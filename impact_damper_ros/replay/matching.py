@@ -29,7 +29,7 @@ _STAMP = 8
 
 
 def _quantities(joints: tuple[str, ...], effort: str) -> list[tuple[str, str]]:
-    """Return name and unit of each field of messages, after the stamp of the recording."""
+    """Return name and unit of each field of messages, after the place in the recording."""
     parts = [('position', 'm'), ('velocity', 'm/s')] + ([('effort', effort)] if effort else [])
     numbers = [(f'{part} of {joint}', unit) for part, unit in parts for joint in joints]
     numbers = [(n, u.replace('m', 'rad') if n.endswith('incline') else u) for n, u in numbers]
@@ -50,9 +50,9 @@ def _words(rows: Messages) -> NDArray[np.int64]:
 
 
 def _contents(rows: Messages) -> list[bytes]:
-    """Return the bytes of each message behind its first field, the stamp of the recording."""
-    held, size, stamp = rows.tobytes(), rows.itemsize, rows.dtype['log_ns'].itemsize
-    return [held[i + stamp : i + size] for i in range(0, len(held), size)]
+    """Return the bytes of each message behind its first field, its place in the recording."""
+    held, size, place = rows.tobytes(), rows.itemsize, rows.dtype['place'].itemsize
+    return [held[i + place : i + size] for i in range(0, len(held), size)]
 
 
 def _values(row: np.void) -> list[Any]:

@@ -154,6 +154,8 @@ class Replay:
         self._before: list[tuple[int, Numbers]] = []
         #: Orders of a controller outside the rig that are still to come.
         self._orders: deque[TimedOrder] = deque()
+        #: Number of the next orders in the rows that were carried out before a snapshot already
+        self._ahead = 0
         #: Rig time from one sample to the next, s and ns
         self.period = 1.0 / start.rate
         self._period_ns = 1e9 / start.rate
@@ -210,7 +212,9 @@ class Replay:
         else:
             impacts.take(rows.impacts)
         findings, states = self.findings, rows.states
-        self._orders += orders_of(rows.acts, findings.offset_ns)
+        coming = orders_of(rows.acts, findings.offset_ns)
+        self._orders += coming[self._ahead :]
+        self._ahead = max(0, self._ahead - len(coming))
         states = states[self._usable(states['stamp_ns'] - findings.offset_ns)]
         times_ns = states['stamp_ns'] - findings.offset_ns
         if not len(states):
@@ -390,6 +394,9 @@ class Replay:
         findings.snapshots += 1
         orders = self._orders_until(command.time)
         events = self._gone_to(command.time, orders)
+        if preceding := self._orders_before(command):
+            events = np.concatenate([events, self._gone_to(command.time, preceding)])
+            orders += preceding
         self._time_ns = command.time_ns
         lost = command.number != last.number + 1
         if lost and self._own:
@@ -413,6 +420,36 @@ class Replay:
             events = NO_EVENTS
         everything = np.concatenate([events, *more])
         yield RunPart(NO_SAMPLES, everything, command, steps, before, orders)
+
+    def _orders_before(self, command: Command) -> list[TimedOrder]:
+        """Take the orders with the stamp of a snapshot that precede it, as its state shows."""
+        coming = [*command.orders[self._ahead :]]
+        likely = max(0, command.recorded_before - self._ahead)
+        counts = sorted(range(len(coming) + 1), key=lambda count: count != likely)
+        fitting = (n for n in counts if coming and self._leads_to(command, coming[:n]))
+        count = next(fitting, likely)
+        self._ahead += count
+        return coming[:count]
+
+    def _leads_to(self, command: Command, orders: list[TimedOrder]) -> bool:
+        """Return whether some orders, and then a command, bring the rig to its snapshot."""
+        rig, mark = self.rig, self.rig.mark()
+        try:
+            for order in orders:
+                rig.order(order.order)
+            for entry in command.done:
+                if isinstance(entry, InitialConditions):
+                    rig.reset(entry)
+                elif isinstance(entry, Mapping):
+                    rig.change(*Setting.at(rig).replace_values(entry))
+            replayed = without_search(rig.snapshot())
+        except _FAILURES:
+            return False
+        finally:
+            rig.go_back(mark)
+        if self._shadowing is not None:
+            return near(command.state, replayed)
+        return not differences(command.state, replayed)
 
     def _carry_out(self, command: Command) -> tuple[list[tuple[int, Step]], list[Events]]:
         """Repeat what was done; return the changes and resets, and the events that they caused."""

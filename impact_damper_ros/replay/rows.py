@@ -65,7 +65,7 @@ def published_states(samples: Samples, rig: RigParameters) -> Numbers:
 def _messages(times: Numbers, offset_ns: int, numbers: Numbers) -> Messages:
     """Return messages of instants, s, without frames and acts."""
     found = np.zeros(len(times), message_row(numbers.shape[1]))
-    found['log_ns'] = found['stamp_ns'] = offset_ns + np.rint(times * 1e9).astype(np.int64)
+    found['stamp_ns'] = offset_ns + np.rint(times * 1e9).astype(np.int64)
     found['numbers'] = numbers
     return found
 

@@ -28,7 +28,7 @@ from impact_damper_ros.control.own_law import OwnLaw
 from impact_damper_ros.parameters.quoting import plural
 
 from .command import Command, Head, parse_snapshot, read_command, read_head
-from .rows import Messages
+from .rows import Messages, orders_of
 
 #: Number of messages of the rig that are read at once, and number of the latest of them that wait:
 #: a message may be late by so many messages in the recording.
@@ -193,8 +193,15 @@ class RecordedRun:
         found.sort(key=lambda snapshot: (snapshot.part, snapshot.run, snapshot.head.number))
         self._snapshots = found
 
-    def _command(self, snapshot: _Snapshot) -> Command:
-        return read_command(snapshot.message, self.reader.path, self._purpose, self._law)
+    def _command(self, snapshot: _Snapshot, acts: Messages | None = None) -> Command:
+        """Return what a snapshot holds, given the acts with its stamp."""
+        found = read_command(snapshot.message, self.reader.path, self._purpose, self._law)
+        if acts is None or not len(acts):
+            return found
+        # Another recorder gets each topic on its own way.
+        before = acts[acts['place'] < snapshot.place] if self.reader.own else acts[:0]
+        orders, first = (orders_of(some, found.offset_ns) for some in (acts, before))
+        return found._replace(orders=orders, recorded_before=len(first))
 
     def remarks(self) -> list[str]:
         """Return remarks for the user on the recording."""
@@ -241,7 +248,7 @@ class RecordedRun:
             Consecutive joint states, impacts and acts of the gap control: nothing was done to the
             rig between them. Messages at the instant of a command follow the command.
         Command
-            What was done to the rig, and its state.
+            What was done to the rig, its state, and the orders among the rows of its instant.
         """
         tables, waiting, part, run = _Tables(self), deque(self._snapshots), 0, 0
         try:
@@ -250,13 +257,13 @@ class RecordedRun:
                 until_ns = inf if ended else tables.settled_ns
                 while waiting and waiting[0].part == part:
                     stamp_ns = waiting[0].head.stamp_ns
-                    if stamp_ns > until_ns or (ended and waiting[0].place > place):
+                    if stamp_ns >= until_ns or (ended and waiting[0].place > place):
                         break
                     yield from self._of_run(run, tables.take_before(stamp_ns))
                     snapshot = waiting.popleft()
                     run = snapshot.run
                     if run == self.number:
-                        yield self._command(snapshot)
+                        yield self._command(snapshot, tables.acts_at(stamp_ns))
                 yield from self._of_run(run, tables.take_before(until_ns))
                 part += ended
         except RecordingError as error:
@@ -270,17 +277,21 @@ class RecordedRun:
         elif not run:
             self.early += count
 
-    def _batches(self) -> Iterator[tuple[list[RecordedMessage], int, bool]]:
-        """Yield messages, the number of snapshots so far, and whether the part ends."""
+    def _batches(self) -> Iterator[tuple[list[tuple[int, RecordedMessage]], int, bool]]:
+        """
+        Yield messages, the place of the last snapshot so far, and whether the part ends.
+
+        Beside each message is the place of the last snapshot before it.
+        """
         names = self.topics
         rows = {names.joint_states, names.impacts, names.gap_control} - {''}
         wanted = {(names.snapshot, STRING), *((topic, JOINT_STATE) for topic in rows)}
-        batch: list[RecordedMessage] = []
+        batch: list[tuple[int, RecordedMessage]] = []
         place = -1
         try:
             for message in self.reader.messages(wanted):
                 if message.topic != names.snapshot:
-                    batch.append(message)
+                    batch.append((place, message))
                     if len(batch) >= _READ_AT_ONCE:
                         yield batch, place, False
                         batch = []
@@ -322,14 +333,17 @@ class _Tables:
         #: Earliest stamp of messages that may still come
         self.settled_ns: float = -inf
 
-    def add(self, messages: list[RecordedMessage]) -> None:
-        """Take messages in the order of the recording."""
+    def add(self, batch: list[tuple[int, RecordedMessage]]) -> None:
+        """Take messages, each behind its place, in the order of the recording."""
+        marks, messages = zip(*batch, strict=True) if batch else ((), ())
         stamps_ns = np.full(len(messages), np.iinfo(np.int64).max)
         for key, topic in self._topics.items():
             places = [i for i, message in enumerate(messages) if message.topic == topic]
             if not places:
                 continue
-            rows, readable = self._readers[key].read([messages[i].content for i in places], 0)
+            rows, readable = self._readers[key].read(
+                [messages[i].content for i in places], [marks[i] for i in places]
+            )
             late = readable & (rows['stamp_ns'] < self._taken_ns)
             self._wrong[UNREADABLE, topic] += int((~readable).sum())
             self._wrong[LATE, topic] += int(late.sum())
@@ -352,6 +366,12 @@ class _Tables:
             found.append(rows[:count] if key != 'joint_states' else self._different(rows[:count]))
         self._taken_ns = -inf if before_ns == inf else max(self._taken_ns, before_ns)
         return Rows(*found)
+
+    def acts_at(self, stamp_ns: int) -> Messages:
+        """Return the acts with a stamp, and leave them here."""
+        rows = self._rows['gap_control']
+        found: Messages = rows[rows['stamp_ns'] == stamp_ns]
+        return found
 
     def _different(self, states: Messages) -> Messages:
         """Return joint states without repeated ones."""

@@ -366,3 +366,28 @@ def ordered_run(seed):
         rig.run(3, ('change', {'gap': rng.uniform(0.005, 0.03)}), order=order)
         rig.run(rng.randrange(5, 20), *random_switch(rng))
     return rig
+
+
+def interrupted_run(seed):
+    """Return the run of a controller outside the rig, with snapshots after orders of their stamp."""
+    rng = random.Random(seed)
+    external = CONTROL.replace(gap_control='external', actuator_speed=rng.choice([0.0, 0.5]))
+    rig = RecordedRig(control=external, offset=rng.choice([0, samples.START])).start()
+
+    def order():
+        half = rng.choice([0.004, rng.uniform(0.002, 0.02)])
+        return Order(half, -half, force=rng.choice([math.nan, rng.gauss(0.0, 3.0)]))
+
+    def narrow():
+        return ('change', {'gap': rng.uniform(0.005, 0.03)})
+
+    for _ in range(4):
+        # Another file, and a change before the order of its stamp
+        rig.run(rng.randrange(5, 30), order=order).announce('record')
+        rig.run(rng.randrange(5, 30), narrow(), order=order)
+        # Paused, in system time and in simulated time: after an order, and before one
+        rig.serve(narrow(), ('resume', 10**8))
+        rig.run(rng.randrange(5, 30), order=order).serve(('resume', 0))
+        rig.run(rng.randrange(5, 30), ('resume', 0), order=order)
+        rig.serve(('reset', None), ('resume', 10**7))
+    return rig

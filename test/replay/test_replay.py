@@ -16,6 +16,7 @@ from bag.recorded_rig import (
     LIVELY,
     NOTES,
     RecordedRig,
+    interrupted_run,
     ordered_run,
     params_file,
     random_excitation,
@@ -73,6 +74,7 @@ RUNS = {
     'excitation': lambda seed: requested_run(seed, random_excitation),
     'control': lambda seed: requested_run(seed, control=CONTROL),
     'orders': ordered_run,
+    'interruptions': interrupted_run,
 }
 
 
@@ -96,7 +98,7 @@ def test_random_histories_come_out_bit_for_bit(tmp_path, name, seed, monkeypatch
         assert findings.snapshots == counts['/snapshot']
         assert findings.changes > 0
         assert not findings.gap_count
-        assert (findings.gap_control > 0) is (name in ('control', 'orders'))
+        assert (findings.gap_control > 0) is (name in ('control', 'orders', 'interruptions'))
 
 
 def test_positions_are_those_in_the_laboratory(tmp_path):
@@ -290,9 +292,10 @@ def test_messages_twice_and_out_of_order(tmp_path, messages):
         assert findings.faults == ([f'messages of {words}'] if words else [])
 
 
-def test_any_order_of_arrival_is_the_same_run(tmp_path):
+@pytest.mark.parametrize('make', [ordered_run, interrupted_run])
+def test_any_order_of_arrival_is_the_same_run(tmp_path, make):
     """Each topic on its own way, the latched snapshot after what it caused."""
-    rig = ordered_run(7)
+    rig = make(7)
     rng = random.Random(5)
     late = {topic: rng.randrange(0, 3 * 10**8) for topic in sorted({m[0] for m in rig.messages})}
     arrived = sorted(
@@ -351,6 +354,16 @@ def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     assert findings.verdict is ReplayVerdict.PARTIAL
     assert findings.samples == 400
     assert any('impossible stamps: 1' in fault for fault in findings.faults)
+
+
+@pytest.mark.parametrize('request_', [('reset', None), ('change', {'gap': 0.02})])
+def test_what_cancels_the_order_of_its_stamp_may_come_after_it(tmp_path, request_):
+    """In a paused rig, in simulated time: the snapshot is the same without the order."""
+    rig = RecordedRig(control=CONTROL.replace(gap_control='external')).start()
+    for place in (0.015, 0.008):
+        rig.run(50, order=lambda place=place: Order(place, -place)).serve(request_, ('resume', 0))
+    findings = replayed(rig.run(50).save(tmp_path / 'bag'))
+    assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
 
 
 def test_a_missing_order_is_found(tmp_path):
@@ -449,7 +462,11 @@ def ordered(tmp_path_factory):
     external = CONTROL.replace(gap_control='external')
     rng = random.Random(3)
     rig = RecordedRig(control=external).start()
-    rig.run(400, order=lambda: Order(rng.uniform(0.005, 0.02), -0.01, force=rng.gauss(0.0, 2.0)))
+    for _ in range(2):
+        rig.run(
+            200, order=lambda: Order(rng.uniform(0.005, 0.02), -0.01, force=rng.gauss(0.0, 2.0))
+        )
+        rig.announce('record')
     return rig, rig.save(tmp_path_factory.mktemp('ordered') / 'bag')
 
 

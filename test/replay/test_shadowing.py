@@ -9,6 +9,7 @@ from bag.recorded_rig import (
     LIVELY,
     NOTES,
     RecordedRig,
+    interrupted_run,
     ordered_run,
     random_run,
     requested_run,
@@ -107,6 +108,7 @@ CONTROLLED = {
     'timed': lambda: requested_run(3, ticks=240, control=CONTROL),
     'amplitude': lambda: requested_run(4, control=CONTROL.replace(gap_control='amplitude')),
     'orders': lambda: ordered_run(2),
+    'interruptions': lambda: interrupted_run(2),
     'changes': lambda: random_run(2, 400),
 }
 
