@@ -369,7 +369,7 @@ def ordered_run(seed):
 
 
 def interrupted_run(seed):
-    """Return the run of a controller outside the rig, with snapshots after orders of their stamp."""
+    """Return the run of a controller outside the rig, with snapshots after orders at one stamp."""
     rng = random.Random(seed)
     external = CONTROL.replace(gap_control='external', actuator_speed=rng.choice([0.0, 0.5]))
     rig = RecordedRig(control=external, offset=rng.choice([0, samples.START])).start()

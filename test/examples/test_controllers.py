@@ -146,7 +146,9 @@ def test_skyhook_damping(tmp_path):
         tmp_path / 'runs',
         {
             **RIG,
-            **{'gap': 10.0, 'gap_max': 100.0, 'lock_step': 'force_command'},
+            'gap': 10.0,
+            'gap_max': 100.0,
+            'lock_step': 'force_command',
             # A file ends after the command of its last stamp.
             'max_bag_duration': 1.0,
         },
