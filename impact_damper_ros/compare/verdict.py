@@ -407,7 +407,7 @@ class _Comparison:
             period = motion.period if motion is not None else None
             predicted = predicted_curve(drive, orbit, period, time)
         rig = stretch.parameters
-        forced = rig.first_harmonic[0] != 0.0
+        forced = rig.first_harmonic[0] != 0.0 and drive is not None and drive.cycle < math.inf
         cycles = max(1, motion.recurrence.cycles if motion is not None else 1)
         shown = stretch.end - _SHOWN * self.cycle * cycles
         settled = stretch.samples[stretch.samples['time'] >= steady]

@@ -80,17 +80,25 @@ class Drive(NamedTuple):
 
     @property
     def cycle(self) -> float:
-        """Duration of a cycle of the first harmonic, s."""
-        return math.tau / self.frequencies[0]
+        """Duration of a cycle of the first harmonic that turns, s; infinity if none does."""
+        rate = self._turning[1]
+        return math.tau / rate if rate else math.inf
 
     @property
     def zero(self) -> float:
-        """The last instant not after `time` at which the first harmonic's angle was zero, s."""
-        return self.time - (self.angles[0] % math.tau) / self.frequencies[0]
+        """The last instant not after `time` at which that harmonic's angle was zero, s."""
+        angle, frequency = self._turning
+        return self.time - (angle % math.tau) / (frequency or math.inf)
 
     def phase(self, time: Array) -> Array:
-        """Return the cycles of the first harmonic since `zero`."""
+        """Return the cycles of that harmonic since `zero`."""
         return (time - self.zero) / self.cycle
+
+    @property
+    def _turning(self) -> tuple[float, float]:
+        """Angle, rad, and frequency, rad/s, of the first harmonic that is no constant force."""
+        pairs = zip(self.angles, self.frequencies, strict=True)
+        return next(((angle, rate) for angle, rate in pairs if rate), (0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

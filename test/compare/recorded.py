@@ -17,7 +17,8 @@ def simulated(parameters, cycles, initial=DISPLACED, per_cycle=40, after=0.0):
     rig = Rig(parameters, initial)
     if after:
         rig.advance(after)
-    cycle = math.tau / parameters.force_frequencies[0]
+    rate = next(filter(None, (*parameters.force_frequencies, parameters.omega)))
+    cycle = math.tau / rate
     steps = np.arange(round(cycles * per_cycle) + 1) * cycle / per_cycle
     instants = np.round((after + steps) * 1e9) / 1e9
     start = rig.snapshot()

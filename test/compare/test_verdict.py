@@ -296,6 +296,23 @@ def test_a_force_without_a_period():
     assert abs(found.energy.residual) < found.energy.tolerance
 
 
+@pytest.mark.parametrize('frequencies', [(0.0,), (0.0, 1.0)])
+def test_a_constant_force_has_no_cycles(frequencies):
+    """Phases are those of the first harmonic that is no constant force, if there is one."""
+    amplitudes = (1.0, 2.0)[: len(frequencies)]
+    force = {'force_amplitudes': amplitudes, 'force_frequencies': frequencies}
+    rig = HORIZONTAL.replace(**force, force_phases=(1.57, 0.0)[: len(frequencies)])
+    found = compared(rig, 120)
+    assert found.verdict is Verdict.NO_PREDICTION
+    assert 'there are no cycles to count' in found.sentence
+    curves = found.curves
+    if len(frequencies) == 1:
+        assert curves.phases is None
+    else:
+        assert len(curves.phases) > 50
+        assert curves.phases == pytest.approx(curves.impacts['time'] / math.tau % 1.0, abs=1e-9)
+
+
 def test_curves_are_bounded_and_whole():
     found = compared(FRICTION, 400)
     curves = found.curves
