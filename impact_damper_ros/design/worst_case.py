@@ -13,7 +13,7 @@ import numpy as np
 
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .damper_design import Design, rounded_gap
+from .damper_design import Design
 from .runs_from_rest import (
     Array,
     Flags,
@@ -73,6 +73,11 @@ class WorstCases:
     ----------
     chosen, best : WorstCase
         The worst case of the gap to build, and that of the gap for which it is least.
+    as_good : tuple of float
+        Lowest and highest gap around the best one whose worst case is at most 2 % worse, m: less
+        than the worst cases of two samples of the same runs differ by.
+    whole : dict
+        Largest |X| over that without the damper, of the gaps of which all cases were run.
     gaps : ndarray, shape (n,)
         Gaps that were compared, m.
     rig : RigParameters
@@ -85,6 +90,8 @@ class WorstCases:
 
     chosen: WorstCase
     best: WorstCase
+    as_good: tuple[float, float]
+    whole: dict[float, float]
     gaps: Array
     rig: RigParameters
     ranges: dict[str, tuple[float, float]]
@@ -92,9 +99,10 @@ class WorstCases:
 
     @cached_property
     def ratios(self) -> Array:
-        """Largest |X| in 30 cycles over that without the damper, by gap, in some of the cases."""
+        """Largest |X| over that without the damper, by gap, in some of the cases."""
         unsure = _Uncertain(self.rig, self.ranges, self.levels)
-        return unsure.short_ratios(self.gaps, unsure.grid(_COARSE)[0])[0]
+        cases = unsure.grid(_COARSE)[0]
+        return np.array([unsure.ratios(float(gap), cases) for gap in self.gaps])
 
 
 class _Runs(NamedTuple):
@@ -224,7 +232,7 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
     ends = min(levels), max(levels)
     unsure = _Uncertain(design.rig, ranges, ends)
     shares = np.geomspace(_LEAST_GAP * min(ends[0], 1.0), _WIDEST_GAP, _GAPS)
-    gaps = np.unique([rounded_gap(gap) for gap in [*(shares * design.gap), design.gap]])
+    gaps = np.unique([*(float(f'{gap:.3g}') for gap in shares * design.gap), design.gap])
     cases, places = unsure.grid(_COARSE)
     at_ends = ((places == 0.0) | (places == 1.0)).all(axis=1)
     # The worst case of a gap is at least the worst of some cases: at the ends, then of the grid.
@@ -245,6 +253,25 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
         if least > (1.0 - _WORTH) * before:
             break
     best = min(runs, key=lambda gap: float(runs[gap].ratios.max()))
+    as_good = (best, best) if best == design.gap else _as_good(unsure, gaps, best, runs)
+    whole = {gap: float(one.ratios.max()) for gap, one in runs.items()}
+    best = min(whole, key=lambda gap: whole[gap])
     chosen = unsure.worst(design.gap, runs[design.gap])
     robust = chosen if best == design.gap else unsure.worst(best, runs[best])
-    return WorstCases(chosen, robust, gaps, design.rig, dict(ranges), ends)
+    found = chosen, robust, as_good, whole
+    return WorstCases(*found, gaps, design.rig, dict(ranges), ends)
+
+
+def _as_good(
+    unsure: _Uncertain, gaps: Array, best: float, runs: dict[float, _Runs]
+) -> tuple[float, float]:
+    """Run the gaps on both sides of the best one as far as they are as good; return the last."""
+    most, ends = (1.0 + _WORTH) * float(runs[best].ratios.max()), [best, best]
+    for k, side in enumerate((gaps[gaps < best][::-1], gaps[gaps > best])):
+        for gap in side.tolist():
+            if gap not in runs:
+                runs[gap] = unsure.whole(gap)
+            if float(runs[gap].ratios.max()) > most:
+                break
+            ends[k] = gap
+    return ends[0], ends[1]

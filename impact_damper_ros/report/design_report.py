@@ -26,7 +26,15 @@ from impact_damper_ros.parameters.plain import as_plain
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
-from .drawing import COLORS, blank_figure, finish_panel, legend_below, print_style, unit_axis
+from .drawing import (
+    COLORS,
+    blank_figure,
+    finish_panel,
+    legend_below,
+    place_log_ticks,
+    print_style,
+    unit_axis,
+)
 from .formatting import percent, quantity
 from .table import Table
 
@@ -199,6 +207,9 @@ def _worst_words(unsure: WorstCases) -> str:
     """Return the worst cases of the gap to build, and of the gap for which it is least."""
     chosen, best = unsure.chosen, unsure.best
     gap, other = quantity(chosen.gap, 'm', 4), quantity(best.gap, 'm', 4)
+    low, high = unsure.as_good
+    ends = f'{quantity(low, "m", 3)} to {quantity(high, "m", 3)}'
+    flat = f' Gaps from {ends} are as good, within 2 %.' if low < high else ''
     text = (
         f'How sure: with {_uncertain_words(unsure)}, the worst of {len(chosen.ratios):,} runs '
         f'from rest leaves {percent(chosen.ratio)} with {gap} ({case_words(chosen)}). '
@@ -207,7 +218,7 @@ def _worst_words(unsure: WorstCases) -> str:
         return f'{text}No other gap has a better worst case.'
     return (
         f'{text}A gap of {other} has the best worst case, {percent(best.ratio)} '
-        f'({case_words(best)}). --rig-out has {gap}, with --worst-case {other}.'
+        f'({case_words(best)}).{flat} --rig-out has {gap}, with --worst-case {other}.'
     )
 
 
@@ -325,7 +336,6 @@ def design_figure(
 ) -> Figure:
     """Draw |X| over mass, gap, frequency and level."""
     from matplotlib.lines import Line2D
-    from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 
     figure = blank_figure(7.6, 6.6, title)
     (mass, gap), (frequency, level) = figure.subplots(2, 2)
@@ -367,13 +377,8 @@ def design_figure(
     level.plot(compared.level_range, compared.level_ratios, **impact)
     level.axvline(1.0, color='k', lw=0.8)
     level.set_xscale('log')
-    level.xaxis.set_major_locator(FixedLocator([0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0]))
-    for axis in (level.xaxis, mass.yaxis, frequency.yaxis):
-        axis.set_minor_formatter(NullFormatter())
-    for axis in (mass.yaxis, frequency.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    place_log_ticks(level.xaxis)
     level.set_ylim(0.0, 1.15 * max(1.0, float(compared.level_ratios.max())))
-    level.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
     shaker = chosen.rig.swept
     finish_panel(level, 'd', f'Level of the {shaker}, over this one', ratio)
     frequency_text = f'{rates[0] / math.tau:.4g} Hz'
@@ -397,6 +402,7 @@ def _draw_cases(
 ) -> None:
     """Draw all runs over the gap, with the worst of each gap."""
     envelope = dict(zip(unsure.gaps.tolist(), unsure.ratios.max(axis=1).tolist(), strict=True))
+    envelope |= unsure.whole
     clouds = [(np.repeat(unsure.gaps, unsure.ratios.shape[1]), unsure.ratios.ravel())]
     for one in {one.gap: one for one in (unsure.chosen, unsure.best)}.values():
         clouds.append((np.full(len(one.ratios), one.gap), one.ratios))

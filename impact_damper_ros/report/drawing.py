@@ -221,9 +221,22 @@ def draw_impacts(axes: Any, impacts: Any, start: float, end: float) -> None:
             axes.plot(hits['time'], hits['x'] + hits['y'], **style, **look, label=label)
 
 
+def place_log_ticks(axis: Any) -> None:
+    """Put ticks of a logarithmic axis at 1, 2 and 5, plain numbers; at powers over 3 decades."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    if high < 1e3 * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter('{x:.6g}')
+    axis.set_minor_formatter(NullFormatter())
+
+
 def unit_axis(axis: Any, label: str, name: str, *values: ArrayLike) -> Unit:
     """Label an axis in the handy unit of values that are drawn in SI units; return the unit."""
     unit = unit_for(name, *values)
+    if axis.get_scale() == 'log':
+        place_log_ticks(axis)
     axis.set_label_text(f'{label} [{unit.name}]')
     axis.set_major_formatter(lambda value, _: number(unit.factor * value))
     return unit

@@ -11,7 +11,7 @@ from impact_damper_ros.compare.random_response import RandomResponse
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .csv_tables import csv_text
-from .drawing import COLORS, blank_figure, finish_panel, print_style
+from .drawing import COLORS, blank_figure, finish_panel, place_log_ticks, print_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,12 +76,14 @@ def response_figure(found: RandomResponse, title: str = '') -> Figure:
             hertz, found.smooth(alone), color=COLORS['quiet'], lw=1.2, ls='--', label='without'
         )
         panel.set_yscale('log')
+        place_log_ticks(panel.yaxis)
         panel.legend(frameon=False)
         finish_panel(panel, letter, '', label)
     level = STANDARD_GRAVITY**2
     panels[2].plot(hertz, found.primary / level, color=COLORS['primary'], lw=0.8, label='M')
     panels[2].plot(hertz, found.base / level, color=COLORS['special'], lw=1.4, label='base')
     panels[2].set_yscale('log')
+    place_log_ticks(panels[2].yaxis)
     panels[2].legend(frameon=False)
     finish_panel(panels[2], 'c', 'Frequency [Hz]', 'Density [g²/Hz]')
     return figure

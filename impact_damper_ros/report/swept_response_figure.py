@@ -14,7 +14,7 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 from impact_damper_ros.parameters.units import STANDARD_GRAVITY
 
 from .csv_tables import csv_text
-from .drawing import COLORS, blank_figure, finish_panel, print_style
+from .drawing import COLORS, blank_figure, finish_panel, place_log_ticks, print_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,6 +140,7 @@ def draw_response(axes: Any, found: SweptResponse, values: Array, alone: Array) 
         look = {'color': '0.2', 'lw': 2.6, 'alpha': 0.45, 'label': '' if number else 'jump'}
         axes.plot(hertz[k - 1 : k + 1], values[k - 1 : k + 1], **look)
     axes.set_yscale('log')
+    place_log_ticks(axes.yaxis)
 
 
 @print_style()

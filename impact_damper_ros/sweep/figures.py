@@ -27,6 +27,7 @@ from impact_damper_ros.report.drawing import (
     blank_figure,
     finish_panel,
     legend_below,
+    place_log_ticks,
     print_style,
     save_figure,
 )
@@ -108,13 +109,9 @@ def _place_text(axis: Axis, value: float, rig: RigParameters) -> str:
 
 
 def _scale_axis(drawn: Any, axis: Axis) -> None:
-    """Put ticks of a logarithmic axis that has a unit of its own at round numbers."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    if axis.unit and axis.logarithmic:
-        drawn.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        drawn.set_minor_locator(NullLocator())
-        drawn.set_major_formatter('{x:.6g}')
+    """Put ticks of a logarithmic axis at round numbers."""
+    if axis.logarithmic:
+        place_log_ticks(drawn)
 
 
 def _best_text(optimum: Optimum) -> str:

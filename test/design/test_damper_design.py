@@ -246,6 +246,16 @@ def test_the_gap_with_the_best_worst_case(unsure):
     assert worst.best.ratio < 0.9 * worst.chosen.ratio
     assert worst.ratios.max(axis=1).min() > 0.85 * worst.best.ratio
     assert worst.best.gap in worst.gaps
+    assert worst.best.gap == float(f'{worst.best.gap:.3g}')
+    # What is as good, and no more, is around it; all of it was run as it was.
+    least = worst.whole[worst.best.gap]
+    assert least == min(worst.whole.values())
+    low, high = worst.as_good
+    assert low <= worst.best.gap <= high
+    for gap in worst.gaps[(worst.gaps >= low) & (worst.gaps <= high)]:
+        assert least <= worst.whole[gap] < 1.05 * least
+    for gap in (worst.gaps[worst.gaps < low].max(), worst.gaps[worst.gaps > high].min()):
+        assert worst.whole[gap] > 1.02 * least
 
 
 def test_friction_is_at_its_ends():

@@ -14,7 +14,7 @@ from impact_damper_ros import RigParameters
 from impact_damper_ros.compare.random_response import RandomResponse
 from impact_damper_ros.orbits.swept_response import SweptResponse
 from impact_damper_ros.report.comparison_tables import impact_table, response_table
-from impact_damper_ros.report.drawing import blank_figure, finish_panel
+from impact_damper_ros.report.drawing import blank_figure, finish_panel, unit_axis
 from impact_damper_ros.report.plan_report import _sweep_options
 from impact_damper_ros.report.random_response_figure import response_figure, response_text
 from impact_damper_ros.report.ring_down_figure import percent_of_loss
@@ -126,3 +126,21 @@ def test_the_sweep_of_a_plan():
         '--duration 518.4 --set sweep_mode=up_down --set sweep_low=8Hz --set sweep_high=12Hz '
         '--set sweep_step=0.1Hz --set sweep_dwell=6.4 --response sweep.csv'
     )
+
+
+@pytest.mark.parametrize(
+    ('low', 'high', 'labels'),
+    [(4e-4, 6e-3, ['0.5', '1', '2', '5']), (2e-4, 0.3, ['1', '10', '100'])],
+)
+def test_ticks_of_a_logarithmic_axis_are_plain_numbers(low, high, labels):
+    """Of less than a decade, too; over three decades only at its powers."""
+    axes = blank_figure(4.0, 3.0).subplots()
+    axes.plot([0.0, 1.0], [low, high])
+    axes.set_yscale('log')
+    axes.set_ylim(low, high)
+    unit_axis(axes.yaxis, 'X', 'm', 1e-3)
+    axes.figure.draw_without_rendering()
+    ends = axes.get_ylim()
+    shown = [t for t in axes.yaxis.get_major_ticks() if ends[0] <= t.get_loc() <= ends[1]]
+    assert [t.label1.get_text() for t in shown] == labels
+    assert not any(t.label1.get_text() for t in axes.yaxis.get_minor_ticks())
