@@ -258,8 +258,8 @@ def normalise(parameters: Iterable[Parameter], rig: RigParameters) -> list[Param
     for parameter in given:
         if parameter.name == 'base_amplitudes' and parameter.type_ is Parameter.Type.STRING:
             with suppress(ParameterError):  # refused with the reason where it is checked
-                quantity = base_quantity_of(parameter.value)
-                request.append(Parameter('base_quantity', value=quantity))
+                if quantity := base_quantity_of(parameter.value):
+                    request.append(Parameter('base_quantity', value=quantity))
     values = {p.name: p.value for p in request if p.type_ is Parameter.Type.DOUBLE_ARRAY}
     resized = resized_arrays(values, rig)
     return request + [
