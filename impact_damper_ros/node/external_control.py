@@ -34,6 +34,8 @@ from .rig_motion import RIG_FAILURES
 #: Largest difference of the stamp of a command from now, if there is no `command_timeout`.
 _MOST_LATE_S = 10.0
 _NEVER_S = 1e9
+#: Part of the reason why a command on a topic that is not awaited is refused.
+NOT_AWAITED = 'only: start with lock_step:='
 #: Number of the random numbers of a measurement that are not noise.
 _LOSS, _JITTER = 5, 6
 
@@ -235,7 +237,7 @@ class ExternalControl:
                     self._given_up &= command.key not in self._topics
                     self._check_stamp(command.stamp_ns, now_ns)
                     found.append(command)
-                elif command.stamp_ns == self._awaited_ns:
+                elif command.stamp_ns == self._awaited_ns and command.key in self._topics:
                     self._answers[command.key] = command
                 else:
                     self._check_repeated(command)
@@ -251,7 +253,8 @@ class ExternalControl:
         """Raise a TopicCommandError unless a command answers a repeated measurement."""
         if command.key not in self._topics:
             raise TopicCommandError(
-                f'lock-step waits for {", ".join(self._topics)} only: start with lock_step:=both'
+                f'lock-step waits for {", ".join(self._topics)} {NOT_AWAITED}{command.key}, or '
+                'lock_step:=both for commands on both topics'
             )
         if command.stamp_ns == self._answered_ns:
             self._repeated += 1

@@ -19,10 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+
+from .external_control import NOT_AWAITED
 
 #: Longest wall time in which a run may stand still, s.
 PATIENCE_S = 300.0
@@ -78,7 +81,8 @@ def run_in_lock_step(
     FileExistsError
         If the directory is not empty.
     RuntimeError
-        If the rig or the controller ends early, or rig time stands still for minutes.
+        If the rig or the controller ends early, rig time stands still for minutes, or the
+        commands come on another topic than `lock_step` names: `stop_commands`, if not in `rig`.
     """
     if Path(directory).exists() and any(Path(directory).iterdir()):
         raise FileExistsError(f'{directory} is not empty: give each run a directory of its own')
@@ -106,6 +110,16 @@ def run_in_lock_step(
     # Other tests may run on this network.
     space = f'/lock_step_{os.getpid()}'
     node.create_subscription(JointState, f'{space}/joint_states', look, 1)
+    refusals: list[tuple[float, str]] = []
+
+    def watch(report: Any) -> None:
+        refusals.extend(
+            (now[0], status.message)
+            for status in report.status
+            if status.name == f'{space[1:]}/sim_node: controller' and NOT_AWAITED in status.message
+        )
+
+    node.create_subscription(DiagnosticArray, '/diagnostics', watch, 10)
     environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
     with ExitStack() as stack:
         stack.callback(context.try_shutdown)
@@ -124,6 +138,8 @@ def run_in_lock_step(
         while now[0] < seconds:
             executor.spin_once(timeout_sec=0.1)
             progress.look(now[0])
+            if len({reached for reached, _ in refusals}) < len(refusals):
+                raise RuntimeError(refusals[-1][1])
             for process, (program, _) in zip(processes, programs, strict=True):
                 if process.poll() is not None:
                     raise RuntimeError(f'{program[-1]} has ended at {now[0]:g} s')

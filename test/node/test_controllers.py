@@ -140,8 +140,9 @@ def stops(*places, names=('stop_1', 'stop_2'), velocity=(), stamp_s=0):
     return message
 
 
-def force(x, y=0.0):
+def force(x, y=0.0, stamp_s=0):
     message = WrenchStamped()
+    message.header.stamp.sec = stamp_s
     message.wrench.force.x, message.wrench.force.y = x, y
     return message
 
@@ -218,13 +219,15 @@ def test_in_lock_step_each_measurement_has_one_command():
     assert obeyed(1.5, answers[1], stops(0.02, -0.02, stamp_s=9)) == 1
     assert (controller.waits, controller.status(0).awaited, inbox.refused) == (False, '', 2)
     assert obeyed(1.75, force(1.0)) == 0
-    assert 'waits for stop_commands only: start with lock_step:=both' in inbox.reason
+    words = 'waits for stop_commands only: start with lock_step:=force_command, or lock_step:=both'
+    assert words in inbox.reason
     # A rig that goes on without waiting takes any command; then it waits again.
-    assert obeyed(2) == 0
-    controller.give_up()
+    assert obeyed(2, force(1.0, stamp_s=2)) == 0
+    assert 'but 1 that was refused (force_command: lock-step waits' in controller.give_up()
     assert obeyed(2.5, stops(0.02, -0.02), answers[2]) == 2
     assert obeyed(2.75, answers[2]) == 0
-    assert (obeyed(3, answers[3]), controller.waits, inbox.refused) == (1, False, 3)
+    assert obeyed(3, answers[3], force(1.0, stamp_s=3)) == 1
+    assert (controller.waits, inbox.refused) == (False, 5)
     # Also a command that comes too late ends that: its controller is waited for again.
     assert obeyed(4) == 0
     controller.give_up()
