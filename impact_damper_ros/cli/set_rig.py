@@ -121,9 +121,12 @@ class RigParameterClient:
             time.sleep(_LOOK_S)
         reports.close()
         if count > 1:
+            from impact_damper_ros.node.network import other_namespace
+
             raise CommandError(
                 f'{count} nodes are named {self.name}, and a request reaches any one of them: '
-                'stop all but one, or start each in a namespace of its own (-r __ns:=/rig2)'
+                'stop all but one, or start each in a namespace of its own '
+                f'(-r __ns:={other_namespace(space)})'
             )
 
     def _only_rig(self) -> str:

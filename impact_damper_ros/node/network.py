@@ -12,6 +12,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, ReliabilityPolicy, qos_check_compatible
 
 
+def other_namespace(taken: str) -> str:
+    """Return a namespace for a second node of a name, as an example."""
+    return '/rig3' if taken == '/rig2' else '/rig2'
+
+
 class NetworkReport(NamedTuple):
     """The conflicts, in words and by keys."""
 
@@ -53,13 +58,15 @@ class Network:
             texts.append(
                 f'{namesakes} nodes are named {node.get_fully_qualified_name()}: a request '
                 'reaches any one of them, and their messages are mixed; start each in a namespace '
-                'of its own (-r __ns:=/rig2)'
+                f'of its own (-r __ns:={other_namespace(node.get_namespace())})'
             )
         if clocks > 1:
+            in_step = node.get_parameter('lock_step').value != 'off'
+            also = '' if in_step else ', or real_time_factor:=1.0 publish_clock:=false'
             texts.append(
                 f'another node publishes {self._clock}, too: the time of nodes with use_sim_time '
-                'jumps between the two; give the rigs ROS domains of their own, or '
-                'real_time_factor:=1.0 publish_clock:=false'
+                'jumps between the two; give the rigs ROS domains of their own (ROS_DOMAIN_ID)'
+                f'{also}'
             )
         texts += deaf
         unheard: list[str] = []

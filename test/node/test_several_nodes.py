@@ -25,7 +25,7 @@ def priorities(process):
 def test_rigs_side_by_side(start, tmp_path, capsys):
     slow = {'state_rate': 20.0}
     common = {'record': True, 'bag_directory': str(tmp_path / 'runs'), 'gravity': 0.0, **slow}
-    left = start(space='/left', real_time_factor=2.0, **common)
+    left = start(space='/rig2', real_time_factor=2.0, **common)
     right = start(
         space='/right', publish_clock=True, real_time_priority=3, predict_motion=True, **common
     )
@@ -40,8 +40,8 @@ def test_rigs_side_by_side(start, tmp_path, capsys):
     for rig in (left, right):
         rig.until(lambda rig=rig: clock in rig.process.output)
     # Two nodes of one name report it, in their log and in the diagnostics; set_rig sets neither.
-    other = start(space='/left', **LIVELY, **slow)
-    words = '2 nodes are named /left/sim_node'
+    other = start(space='/rig2', **LIVELY, **slow)
+    words = '2 nodes are named /rig2/sim_node'
     for rig in (left, other):
         rig.until(lambda rig=rig: words in rig.process.output)
     # The reports of both have one name; the other rig has no clock.
@@ -52,11 +52,14 @@ def test_rigs_side_by_side(start, tmp_path, capsys):
         ),
     )
     assert report.values['Nodes of this name'] == '2'
-    assert set_rig(['--node', '/left/sim_node', 'gap=1']) == 2
-    assert words in capsys.readouterr().err
+    assert set_rig(['--node', '/rig2/sim_node', 'gap=1']) == 2
+    # The namespace of the remedy is another one.
+    for text in (report.message, capsys.readouterr().err):
+        assert words in text
+        assert text.rstrip().endswith('(-r __ns:=/rig3)') or '(-r __ns:=/rig3);' in text
     for rig in (other, left, right):
         rig.stop()
     assert [rig.process.output.count(clock) for rig in (left, right, other)] == [1, 1, 0]
     bags = [Bag(directory) for directory in (tmp_path / 'runs').iterdir()]
     nodes = sorted(bag.messages('/parameter_events')[0].node for bag in bags)
-    assert nodes == ['/left/sim_node', '/right/sim_node']
+    assert nodes == ['/rig2/sim_node', '/right/sim_node']
