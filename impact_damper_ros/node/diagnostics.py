@@ -41,9 +41,11 @@ class Diagnostics:
         state_rate: float,
         real_time_factor: float,
         clock: Callable[[], float] = time.monotonic,
+        *,
+        measurement_rate: float = 0.0,
     ) -> None:
         self._node_name = node_name.removeprefix('/')
-        self._state_rate = state_rate
+        self._state_rate, self._measurement_rate = state_rate, measurement_rate
         self.factor = real_time_factor
         self._clock = clock
         self._last_report = clock()
@@ -115,7 +117,8 @@ class Diagnostics:
         elif slips:
             level = ERROR
             skipped = f'skipped {slipped_ns * 1e-9:.3f} s of wall time'
-            message = f'cannot hold {asked:g} Hz: {skipped}; lower state_rate, or {SLOWER}'
+            rates = self._rates(engine)
+            message = f'cannot hold {asked:g} Hz: {skipped}; lower {rates}, or {SLOWER}'
         elif overruns:
             level = WARN
             message = f'{overruns} of {ticks} ticks late by more than a period; no sample lost'
@@ -147,6 +150,15 @@ class Diagnostics:
     def _network(self, network: NetworkReport) -> DiagnosticStatus:
         message = network.text or 'no other node interferes'
         return self._status('network', WARN if network.text else OK, message, network.values)
+
+    def _rates(self, engine: EngineStatus) -> str:
+        """Return the rates that can be lowered: those above that of the states come first."""
+        others = {'measurement_rate': self._measurement_rate}
+        if engine.control.active:
+            others['gap_control_rate'] = engine.control.gap_control_rate
+        higher = {name: rate for name, rate in others.items() if rate > self._state_rate}
+        names = sorted(higher, key=lambda name: -higher[name])
+        return ' and '.join([*(f'{name} ({higher[name]:g} Hz)' for name in names), 'state_rate'])
 
     def _rig(self, engine: EngineStatus, elapsed: float) -> DiagnosticStatus:
         impacts = engine.impacts - (self._last.impacts if self._last else 0)

@@ -54,7 +54,7 @@ from impact_damper_ros.parameters.all_parameters import ALL_SPECS
 from impact_damper_ros.parameters.description import frequency_hint
 from impact_damper_ros.parameters.parameter_spec import ParameterError
 from impact_damper_ros.parameters.parameters_file import values_given
-from impact_damper_ros.parameters.quoting import printable, quote
+from impact_damper_ros.parameters.quoting import printable
 from impact_damper_ros.parameters.structure import STRUCTURE_SPECS
 from impact_damper_ros.theory.theory_thread import TheoryThread
 
@@ -78,7 +78,7 @@ from .publishing import RigPublishers, TopicPublisher
 from .raw_subscription import RawSubscription
 from .recording import Recorder
 from .services import RigServices
-from .start_message import argument_fault, given_text, start_message
+from .start_message import argument_fault, given_text, start_message, unknown_argument
 from .usage import answer
 
 
@@ -94,10 +94,7 @@ def answer_foreign(arguments: Sequence[str]) -> int | None:
         return None
     if answer(arguments):
         return 0
-    return refuse(
-        f'unknown argument {quote(arguments[0])}; parameters and their files follow --ros-args, '
-        'as in: sim_node --ros-args --params-file rig.yaml -p gap:=12mm'
-    )
+    return refuse(unknown_argument(arguments[0]))
 
 
 #: Time after which another thread has to hand over the interpreter. With Python's 5 ms the thread
@@ -176,7 +173,10 @@ class SimNode(Node):
         self._recorder = Recorder(self.engine, self._topic_publishers, node, broken)
         self._description = String('')
         self._describe(parameters)
-        self._diagnostics = Diagnostics(node, parameters.state_rate, parameters.real_time_factor)
+        self._diagnostics = Diagnostics(
+            *(node, parameters.state_rate, parameters.real_time_factor),
+            measurement_rate=parameters.measurement_rate,
+        )
         # Reports come in wall time, also when the node's clock is a simulated or stopped one.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         period_s = 1.0 / RIG_TOPICS['diagnostics'].rate_of(parameters)
@@ -512,6 +512,9 @@ def _serve(arguments: Sequence[str], ended: Sequence[int]) -> int:
     """Run the node until it ends; return the exit code."""
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except _rclpy.UnknownROSArgsError as error:
+        # Its text is the list of them.
+        return refuse(unknown_argument(next(w for w in arguments if repr(w) in str(error))))
     except Exception as error:
         return refuse(argument_fault(error, arguments))
     node = None

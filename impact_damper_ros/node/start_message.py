@@ -24,12 +24,23 @@ def argument_fault(error: Exception, arguments: Sequence[str]) -> str:
         if option in ('-p', '--param') and ':=' not in word:
             name, _, value = word.partition('=')
             return f'{option} {quote(word)}: write {option} {as_name(name)}:={as_name(value)}'
+        if option in ('-p', '--param') and not all(word.split(':=', 1)):
+            return f'{option} {quote(word)}: write {option} NAME:=VALUE, as in -p gap:=12mm'
         if option in ('-r', '--remap') and word.startswith('__ns:=') and word[6:7] != '/':
             return f'{option} {quote(word)}: write {option} __ns:=/{as_name(word[6:])}'
     text = str(error).split(', at /')[0].removeprefix('failed to initialize rcl: ')
     if 'Sequence should be of same type' in text:
         text += ' (write [1.0, 0.5], not [1, 0.5])'
     return text
+
+
+def unknown_argument(word: str) -> str:
+    """Return the fault of an argument that neither the node nor ROS knows, and the remedy."""
+    return (
+        f'unknown argument {quote(word)}; parameters and their files follow --ros-args, each '
+        'behind -p or --params-file, as in: sim_node --ros-args --params-file rig.yaml '
+        '-p gap:=12mm'
+    )
 
 
 def given_text(given: Mapping[str, Any], applied: Sequence[str]) -> str:

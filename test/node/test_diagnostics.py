@@ -74,6 +74,26 @@ def test_pacing(engine, factor, level, words):
     assert values['Worst lateness since the last report [ms]'] == '1.500'
 
 
+@pytest.mark.parametrize(
+    ('measured', 'control', 'rates'),
+    [
+        (0.0, {}, 'state_rate'),
+        (100.0, {'gap_control_rate': 1e5}, 'state_rate'),
+        (1e4, {}, 'measurement_rate (10000 Hz) and state_rate'),
+        (
+            1e4,
+            {'gap_control': 'external', 'gap_control_rate': 1e5},
+            'gap_control_rate (100000 Hz) and measurement_rate (10000 Hz) and state_rate',
+        ),
+    ],
+)
+def test_a_rig_that_is_late_names_the_rates_to_lower(measured, control, rates):
+    engine = second(slips=1, slipped_ns=10**9, control=GapControlParameters(**control))
+    diagnostics = Diagnostics('/rig', 200.0, 1.0, measurement_rate=measured)
+    message = diagnostics.report(0, engine, RecordingStatus()).status[0].message
+    assert f'of wall time; lower {rates}, or give a lower real_time_factor' in message
+
+
 def test_counts_are_totals_and_differences_are_since_the_last_report():
     now = [0.0]
     diagnostics = Diagnostics('/rig', 200.0, 1.0, lambda: now[0])

@@ -139,6 +139,9 @@ REFUSED = {
     '--params-file no_block.yaml': 'no_block.yaml: /** has no ros__parameters: below it, write',
     '--params-file tab.yaml': 'tab.yaml: line 2: is not YAML: found character',
     '-p gap=0.02': "-p 'gap=0.02': write -p gap:=0.02",
+    '-p gap:=': "-p 'gap:=': write -p NAME:=VALUE, as in -p gap:=12mm",
+    '-p damping:=1.0 gap:=0.01': "unknown argument 'gap:=0.01'; parameters and their files follow "
+    '--ros-args, each behind -p or --params-file',
     '-r __ns:=left': "-r '__ns:=left': write -r __ns:=/left",
     '-p force_record:=record.csv': ("line 4, column 't [s]': 0.1 after 0.1: the column must rise"),
     '-p lock_step:=both -p gap_control:=external': 'give a rate such as measurement_rate:=200.0',
