@@ -29,6 +29,11 @@ _MEDIAN, _LARGE = 0.4549, 6.0
 CONTRADICTION, _MOST_RELEASES = 100.0, 6
 
 
+def contradiction_of(gain: float) -> str:
+    """Return why a flight is left out with which chi squared is larger by a gain."""
+    return f'it contradicts the other flights: chi squared is {gain:.0f} smaller without it'
+
+
 def gains_of(shooting: Shooting, solution: FitSolution) -> Array:
     """
     Return the misfit of each flight: the larger of that of its laws and that of its residuals.
@@ -85,7 +90,7 @@ def without_contradictions(
         course = shooting.course_of(solution.unknowns)
         for k, gain in chosen.items():
             course.leave_out(k)
-            why_cut[k + 1] = f'its laws cost {gain:.0f} in the sum of squares'
+            why_cut[k + 1] = contradiction_of(gain)
         shooting = problem(course)
         solution = _solve(shooting)
         gains = gains_of(shooting, solution)

@@ -18,6 +18,7 @@ import numpy as np
 
 from impact_damper_ros.motion.event import Event, EventKind
 
+from .contradictions import contradiction_of
 from .course import Course, Flags
 from .first_course import match_times
 from .flight_replay import FlightReplay, Passage, passage
@@ -277,9 +278,9 @@ def _row_of(begin: float, event: Event) -> list[float]:
 
 def _why(found: Passage, gain: float) -> str:
     if gain:
-        return f'its laws cost {gain:.0f} in the sum of squares'
+        return contradiction_of(gain)
     if found.sticks and found.ahead:
         return STICKS
     if found.missed > 0:
-        return f'the engine has {found.missed} more impacts in it'
-    return 'the engine does not arrive as measured'
+        return f'computed from its start, it has {found.missed} more impacts'
+    return 'computed from its start, m does not arrive as measured'

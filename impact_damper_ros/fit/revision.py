@@ -18,6 +18,7 @@ import numpy as np
 from .contradictions import (
     CONTRADICTION,
     MOST_GAIN,
+    contradiction_of,
     gains_of,
     to_release,
     without_contradictions,
@@ -140,7 +141,7 @@ class Revised(NamedTuple):
         found: dict[int, str] = {}
         for k in map(int, np.flatnonzero(course.flies)):
             if not turn.confirms(k):
-                found[k] = 'the engine does not arrive as measured'
+                found[k] = 'computed from its start, m does not arrive as measured'
             elif course.held[k].any():
                 found[k] = FLAT
             elif grazes[k] or grazes[k + 1]:
@@ -150,7 +151,7 @@ class Revised(NamedTuple):
         dear = to_release(self.gains, MOST_GAIN) or (
             unmet(shooting, self.solution) if self.solution.broken > _EXACT and not found else {}
         )
-        return found | {k: _costs(gain) for k, gain in dear.items() if course.flies[k]}
+        return found | {k: contradiction_of(gain) for k, gain in dear.items() if course.flies[k]}
 
     def without_rejected(self, problem: Problem) -> Revised:
         """Leave out rejected flights until the verdicts reject none."""
@@ -179,10 +180,6 @@ class Revised(NamedTuple):
             solution=solution,
             gains=gains_of(shooting, solution),
         )
-
-
-def _costs(gain: float) -> str:
-    return f'its laws cost {gain:.0f} in the sum of squares'
 
 
 def chi_of(shooting: Shooting, solution: FitSolution) -> float:
