@@ -303,7 +303,7 @@ def _second_modes(shooting: Shooting, solution: FitSolution) -> Iterator[Paramet
     heavier = scaled_constant(shooting.unknowns.rig, 'primary_mass', _STEP)
     assert heavier is not None
     by_mass = _derivatives(shooting, solution, heavier, _STEP)
-    hit, n = shooting.kind[ends] != 0, len(record.time)
+    hit, sticks, n = shooting.kind[ends] != 0, shooting.sticks[ends - 1], len(record.time)
     roots = complex(-_MODE_DAMPING, 1.0) * shooting.rate * _MODE_RATIOS
     answers = shooting.likely_jumps(u)[:, None] / roots.imag + 0j
     for k, span in enumerate(np.diff(impacts).tolist()):
@@ -316,8 +316,11 @@ def _second_modes(shooting: Shooting, solution: FitSolution) -> Iterator[Paramet
         speed = _answer(mode, impacts, after, nodes, 1, 'left')
         rows = np.zeros((len(ends), 5))
         rows[hit, 1] = rows[hit, 2] = -speed[ends][hit]
-        rows[:, 3] = place[ends - 1] - place[ends]
+        rows[:, 3] = np.where(sticks, 0.0, place[ends - 1] - place[ends])
+        rows[sticks, 2] = (speed[ends] - speed[ends - 1])[sticks]
         rows[~hit, 4] = -speed[ends][~hit]
+        released = shooting.released
+        rows[released, 4] = -_answer(mode, impacts, after, nodes[ends[released]], 2)
         condition[: rows.size] += shooting.in_units(rows).ravel()
         yield ParameterColumn(
             f'{_SECOND_MODE} at {root.imag / math.tau:.3g} Hz',
@@ -432,12 +435,18 @@ def _cubic_spring(shooting: Shooting, solution: FitSolution) -> tuple[Array, Arr
         return np.asarray(total * np.exp(root * (times - nodes[start])))
 
     start = np.clip(np.searchsorted(nodes, samples, side='right') - 1, 0, len(nodes) - 2)
-    signal = (root**order * answer(samples, start)).imag
-    if order == 2:
-        signal += factor * shooting.place(u, samples, start) ** 3
-    arrival = answer(nodes[shooting.ends], shooting.ends - 1)
+    ends = shooting.ends
+
+    def moved(times: Array, start: NDArray[np.int64], derivative: int) -> Array:
+        found = (root**derivative * answer(times, start)).imag
+        if derivative == 2:
+            found += factor * shooting.place(u, times, start) ** 3
+        return np.asarray(found)
+
     varied = copy.copy(shooting)
-    varied.further = Further(signal, arrival.imag, (root * arrival).imag)
+    varied.further = Further(
+        moved(samples, start, order), *(moved(nodes[ends], ends - 1, k) for k in range(3))
+    )
     residual, condition = varied.residual(u)
     equations = solution.equations
     return residual - equations.residual, condition - equations.condition
@@ -545,7 +554,8 @@ def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
     lower = f'{abs(slower[best]):.2g} % {"lower" if slower[best] > 0.0 else "higher"}'
     return (
         f'the natural frequency is {lower} than that of the file, as that of M and m together '
-        'is: m moves with M; free it, or shake harder than friction holds'
+        'is: m moves with M, or its impacts are lost in the noise; free it, shake harder than '
+        'friction holds, or record with less noise'
         if best == 'both'
         else 'the record is one vibration without impacts, with a natural frequency '
         f'{lower} than that of the file: the damper is not in it, or does not move'

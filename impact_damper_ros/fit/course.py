@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The course of a motion: its impacts in order, the reversals between them, and which flights count.
+The course of a motion: its impacts in order, what m does between them, and which flights count.
 
-A flight leads from one impact to the next. A flight that does not obey the laws, since m sticks in
-it or an impact was missed, is left out with its data: at its end M and m begin anew, and the
-course has several parts that share the parameters.
+A flight leads from one impact to the next. In it friction turns where m reverses, sticks or is
+released. A flight that does not obey the laws, since m rests on a stop or an impact was missed, is
+left out with its data: at its end M and m begin anew, and the course has several parts that share
+the parameters.
 """
 
 from __future__ import annotations
@@ -37,10 +38,13 @@ class Course:
         Whether the motion begins anew there: the flight before it does not count.
     measured : ndarray of int, shape (n,)
         Index of the measured time of each impact, -1 for none.
-    reversals : list of ndarray
-        Instants at which m reverses, for each of the n - 1 flights.
+    turns : list of ndarray
+        Instants at which m reverses, sticks or is released, for each of the n - 1 flights.
+    after : list of ndarray of int
+        How m slides after each of them: +1 away from the stop hit last, -1 towards it, 0 if it
+        sticks. Without them all are reversals.
     held : list of ndarray of bool
-        Reversals that keep their instant, since m hardly reverses in them.
+        Turns that keep their instant, since m hardly turns in them.
     lawless : ndarray of bool, shape (n - 1,)
         Flights in which only M obeys its laws; none by default.
     """
@@ -53,15 +57,19 @@ class Course:
     stop: Counts
     begins: Flags
     measured: Counts
-    reversals: list[Array] = field(default_factory=list)
+    turns: list[Array] = field(default_factory=list)
+    after: list[Counts] = field(default_factory=list)
     held: list[Flags] = field(default_factory=list)
     lawless: Flags = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
         flights = max(len(self.time) - 1, 0)
-        if not self.reversals:
-            self.reversals = [np.zeros(0)] * flights
-            self.held = [np.zeros(0, bool)] * flights
+        if not self.turns:
+            self.turns = [np.zeros(0)] * flights
+        if not self.after:
+            self.after = [reversals(len(times)) for times in self.turns]
+        if not self.held:
+            self.held = [np.zeros(len(times), bool) for times in self.turns]
         if len(self.lawless) != flights:
             self.lawless = np.zeros(flights, bool)
 
@@ -74,7 +82,8 @@ class Course:
         return replace(
             self,
             **{name: getattr(self, name).copy() for name in (*arrays, 'measured', 'lawless')},
-            reversals=[times.copy() for times in self.reversals],
+            turns=[times.copy() for times in self.turns],
+            after=[ways.copy() for ways in self.after],
             held=[flags.copy() for flags in self.held],
         )
 
@@ -84,10 +93,19 @@ class Course:
         counts: Flags = ~self.begins[1:]
         return counts
 
+    def with_sticks(self) -> Course:
+        """Return the course in which m sticks between two reversals."""
+        course = self.copy()
+        for ways in course.after:
+            if ways.all():
+                ways[: len(ways) // 2 * 2 : 2] = 0
+        return course
+
     def leave_out(self, flight: int) -> None:
         """Let the motion begin anew at the end of a flight."""
         self.begins[flight + 1] = True
-        self.reversals[flight], self.held[flight] = np.zeros(0), np.zeros(0, bool)
+        self.turns[flight], self.held[flight] = np.zeros(0), np.zeros(0, bool)
+        self.after[flight] = reversals(0)
 
     def select(self, keep: Flags) -> Course:
         """Return the course without some impacts; joined flights are like the first of them."""
@@ -103,7 +121,8 @@ class Course:
             self.stop[index],
             begins,
             self.measured[index],
-            [self.reversals[k] for k in index[:-1]],
+            [self.turns[k] for k in index[:-1]],
+            [self.after[k] for k in index[:-1]],
             [self.held[k] for k in index[:-1]],
         )
 
@@ -113,6 +132,11 @@ class Course:
         return (
             tuple(self.stop.tolist()),
             tuple(self.begins.tolist()),
-            tuple(map(len, self.reversals)),
+            tuple(tuple(ways.tolist()) for ways in self.after),
             tuple(tuple(flags.tolist()) for flags in self.held),
         )
+
+
+def reversals(count: int) -> Counts:
+    """Return how m slides after each of some reversals in a flight, as in `Course.after`."""
+    return np.where(np.arange(count) % 2, 1, -1)

@@ -23,7 +23,8 @@ _ROOM = 48
 _MOST_IMPACTS = 6
 #: Largest error of the end of a flight, as a part of its duration.
 _PART = 0.06
-_AT_REST = (EventKind.STICK, EventKind.REST)
+#: Events at which friction changes.
+TURNS = (EventKind.REVERSAL, EventKind.STICK, EventKind.RELEASE)
 
 
 class Passage(NamedTuple):
@@ -36,13 +37,13 @@ class Passage(NamedTuple):
         Number of impacts ahead; 0 if the engine reaches none.
     events : list of Event
         Events up to that impact, with times since the start of the flight.
-    sticks : bool
-        Whether m sticks or rests before that impact.
+    rests : bool
+        Whether m rests on a stop before that impact.
     """
 
     ahead: int
     events: list[Event]
-    sticks: bool
+    rests: bool
 
     @property
     def impacts(self) -> list[Event]:
@@ -84,18 +85,18 @@ def passage(
     events: list[Event], spans: Array, stops: NDArray[np.int64], tolerance: float
 ) -> Passage:
     """Return the events up to one of the next impacts of a course, given as spans and stops."""
-    sticks = False
+    rests = False
     hits = 0
     for k, event in enumerate(events):
         if event.time > spans[-1] * (1.0 + _PART) + tolerance or hits > _MOST_IMPACTS:
             break
-        sticks |= event.kind in _AT_REST
+        rests |= event.kind is EventKind.REST
         if event.kind is not EventKind.IMPACT:
             continue
         hits += 1
         apart = np.where(stops == event.side, np.abs(spans - event.time), np.inf)
         nearest = int(apart.argmin())
         if apart[nearest] < max(tolerance, _PART * spans[nearest]):
-            return Passage(nearest + 1, events[: k + 1], sticks)
-    sticks = any(event.kind in _AT_REST for event in events if event.time < spans[0])
-    return Passage(0, [], sticks)
+            return Passage(nearest + 1, events[: k + 1], rests)
+    rests = any(event.kind is EventKind.REST for event in events if event.time < spans[0])
+    return Passage(0, [], rests)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -55,7 +56,7 @@ class NodeMotion(Nodes):
         return np.where(self.kind == -1, second, first)
 
     def start(self) -> Array:
-        """Return the unknowns of the course; states at reversals are those of the flights."""
+        """Return the unknowns of the course; states at turns are those of the flights."""
         course, n = self.course, self.count_of_nodes
         states = np.zeros((n, 5))
         at = self.impacts
@@ -63,12 +64,10 @@ class NodeMotion(Nodes):
         states[at, V], states[at, W] = course.velocity, course.damper_velocity
         gap = self.unknowns.value(course.shared, 'gap')
         states[at, Y] = 0.5 * gap * course.stop
-        states[self.kind == 0, T] = np.concatenate([*course.reversals, np.zeros(0)])
-        vibration = self.vibration(course.shared)
-        grip = self.unknowns.value(course.shared, 'grip')
+        states[self.kind == 0, T] = np.concatenate([*course.turns, np.zeros(0)])
         for i in np.flatnonzero(self.kind == 0):
             before, node = states[i - 1 : i], np.array([i - 1])
-            ends = self._flown(vibration, grip, before, states[i : i + 1, T], node)
+            ends = self._flown(course.shared, before, states[i : i + 1, T], node)
             states[i, X:] = np.concatenate(ends)
         self._hold_values = states[self.holds[:, 0], self.holds[:, 1]]
         return np.concatenate([course.shared, states.ravel()])
@@ -81,41 +80,58 @@ class NodeMotion(Nodes):
         at = states[self.impacts]
         course.time, course.x = at[:, T].copy(), at[:, X].copy()
         course.velocity, course.damper_velocity = at[:, V].copy(), at[:, W].copy()
-        ends = np.cumsum([len(times) for times in course.reversals])
-        course.reversals = np.split(states[self.kind == 0, T], ends)[:-1]
+        ends = np.cumsum([len(times) for times in course.turns])
+        course.turns = np.split(states[self.kind == 0, T], ends)[:-1]
         return course
 
     def parts(self, u: Array) -> tuple[Array, Array]:
         """Return the shared unknowns and the states (n, 5)."""
         return u[: self.count], u[self.count :].reshape(-1, 5)
 
-    def vibration(self, shared: Array) -> Vibration:
-        """Return the vibration of M of shared unknowns."""
+    def vibration(self, shared: Array, *, joint: bool = False) -> Vibration:
+        """Return the vibration of M of shared unknowns, or that of M and m."""
         unknowns = self.unknowns
         delay = unknowns.value(shared, 'force_delay')
-        return Vibration.of(unknowns.rig, float(shared[0]), float(shared[1]), delay)
+        known = unknowns.rig, float(shared[0]), float(shared[1]), delay
+        return Vibration.of(*known, joint=joint)
+
+    def _by_vibration(
+        self, shared: Array, sticks: NDArray[np.bool_], compute: Callable[[Vibration], Array]
+    ) -> Array:
+        """Return what a vibration gives, shape (..., n): that of M and m where m sticks."""
+        found = compute(self.vibration(shared))
+        if sticks.any():
+            found = np.where(sticks, compute(self.vibration(shared, joint=True)), found)
+        return found
+
+    def push_of(self, grip: float, direction: Array, last_stop: Array) -> Array:
+        """Return the constant acceleration of M while m slides, or sticks (direction 0)."""
+        unknowns = self.unknowns
+        ratio = unknowns.rig.damper_mass / unknowns.rig.primary_mass
+        own = direction * grip + last_stop * unknowns.air
+        return np.where(direction == 0.0, unknowns.share * unknowns.slope, ratio * own)
 
     def _pushes(self, grip: float, node: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the constant accelerations of M and of m after nodes."""
-        own = self.direction[node] * grip + self.last_stop[node] * self.unknowns.air
-        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
-        return ratio * own, self.unknowns.slope - own
+        """Return the constant accelerations of M and, while it slides, of m after nodes."""
+        direction, last_stop = self.direction[node], self.last_stop[node]
+        own = direction * grip + last_stop * self.unknowns.air
+        return self.push_of(grip, direction, last_stop), self.unknowns.slope - own
 
     def _flown(
-        self,
-        vibration: Vibration,
-        grip: float,
-        before: Array,
-        time: Array,
-        node: NDArray[np.int64],
+        self, shared: Array, before: Array, time: Array, node: NDArray[np.int64]
     ) -> tuple[Array, Array, Array, Array]:
         """Return X, X', Z' and Y at times in the flights after nodes, from the states there."""
         span = time - before[:, T]
-        push, pull = self._pushes(grip, node)
-        x, v = vibration.later(before[:, T], before[:, X], before[:, V], push, span)
-        w = before[:, W] + pull * span
+        push, pull = self._pushes(self.unknowns.value(shared, 'grip'), node)
+        sticks = self.sticks[node]
+        x, v = self._by_vibration(
+            shared,
+            sticks,
+            lambda one: np.array(one.later(before[:, T], before[:, X], before[:, V], push, span)),
+        )
+        w = np.where(sticks, v - before[:, V], pull * span) + before[:, W]
         moved = (before[:, W] + 0.5 * pull * span) * span
-        return x, v, w, before[:, Y] + before[:, X] + moved - x
+        return x, v, w, before[:, Y] + np.where(sticks, 0.0, before[:, X] + moved - x)
 
     @cached_property
     def _turning(self) -> Phasors:
@@ -126,27 +142,32 @@ class NodeMotion(Nodes):
 
     def signal(
         self,
-        vibration: Vibration,
+        shared: Array,
         states: Array,
         push: Array,
+        sticks: NDArray[np.bool_],
         node: NDArray[np.int64],
         samples: slice = slice(None),
     ) -> Array:
         """Return the measured quantity at samples, by the states and pushes at nodes."""
         order = self.record.order
-        free = vibration.free_phasors(states[:, T], states[:, X], states[:, V], push)
         since = self.record.time[samples] - states[node, T]
-        vibrating = (vibration.root**order * free)[node] * np.exp(vibration.root * since)
-        steady = self._turning[samples] @ vibration.steady_phasors(order)
-        constant = 0.0 if order else (push / vibration.stiffness)[node]
-        found: Array = vibrating.real + steady.imag + constant
-        return found
+
+        def signal(vibration: Vibration) -> Array:
+            free = vibration.free_phasors(states[:, T], states[:, X], states[:, V], push)
+            vibrating = (vibration.root**order * free)[node] * np.exp(vibration.root * since)
+            steady = self._turning[samples] @ vibration.steady_phasors(order)
+            constant = 0.0 if order else (push / vibration.stiffness)[node]
+            found: Array = vibrating.real + steady.imag + constant
+            return found
+
+        return self._by_vibration(shared, sticks[node], signal)
 
     def _signal(self, shared: Array, states: Array, node: NDArray[np.int64]) -> Array:
         """Return the measured quantity at all samples, in the flights after nodes."""
-        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
+        grip = self.unknowns.value(shared, 'grip')
         push, _ = self._pushes(grip, np.arange(self.count_of_nodes))
-        return self.signal(vibration, states, push, node)
+        return self.signal(shared, states, push, self.sticks, node)
 
     def motion(self, u: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the fitted signal (NaN where there is none), and whether each sample counts."""
@@ -168,14 +189,13 @@ class NodeMotion(Nodes):
     def before_nodes(self, u: Array) -> tuple[Array, Array, Array, Array]:
         """Return X, X', Z' and Y just before all nodes but the first."""
         shared, states = self.parts(u)
-        grip, node = self.unknowns.value(shared, 'grip'), np.arange(self.count_of_nodes - 1)
-        return self._flown(self.vibration(shared), grip, states[:-1], states[1:, T], node)
+        node = np.arange(self.count_of_nodes - 1)
+        return self._flown(shared, states[:-1], states[1:, T], node)
 
     def place(self, u: Array, times: Array, node: NDArray[np.int64]) -> Array:
         """Return X at times in the flights after nodes."""
         shared, states = self.parts(u)
-        grip = self.unknowns.value(shared, 'grip')
-        return self._flown(self.vibration(shared), grip, states[node], times, node)[0]
+        return self._flown(shared, states[node], times, node)[0]
 
     def likely_jumps(self, u: Array) -> Array:
         """

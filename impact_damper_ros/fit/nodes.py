@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes of a course: impacts and reversals, and the unknowns that are determined at each."""
+"""The nodes of a course: impacts and turns, and the unknowns that are determined at each."""
 
 from __future__ import annotations
 
@@ -21,16 +21,19 @@ class Nodes:
     course : Course
         The course.
     kind : ndarray of int
-        +1 and -1 for an impact on stop 1 and 2, 0 for a reversal.
+        +1 and -1 for an impact on stop 1 and 2, 0 for a turn.
     impacts, ends, firsts, lone : ndarray of int
         The impacts; the nodes that end a flight that counts; the nodes at which the motion begins
         anew; and those of the latter that begin no flight either, and stay where they are.
     flight : ndarray of int
         Flight after each node, by the number of its first impact.
     direction, last_stop : ndarray
-        Direction of m relative to M after each node, +1 down, and the stop hit last, +1 or -1.
+        Direction of m relative to M after each node, +1 down, 0 while m sticks; and the stop hit
+        last, +1 or -1.
+    sticks : ndarray of bool
+        Whether m sticks after each node.
     held_at : ndarray
-        Instant of a reversal that keeps it, NaN at other nodes.
+        Instant of a turn that keeps it, NaN at other nodes.
     lawless_ends : ndarray of bool
         Whether the flight that ends at each of `ends` obeys no law of m.
     holds : ndarray, shape (n, 2)
@@ -39,7 +42,7 @@ class Nodes:
 
     def __init__(self, course: Course) -> None:
         self.course = course
-        turns = np.array([*map(len, course.reversals), 0])
+        turns = np.array([*map(len, course.turns), 0])
         order = np.arange(len(course))
         self.flight = np.repeat(order, turns + 1)
         self.count_of_nodes = n = len(self.flight)
@@ -49,12 +52,13 @@ class Nodes:
         hit = self.impact_of >= 0
         self.last_stop = course.stop[self.flight].astype(float)
         self.kind = np.where(hit, course.stop[self.flight], 0)
-        since = np.arange(n) - self.impacts[self.flight]
-        self.direction = self.last_stop * np.where(since % 2, 1.0, -1.0)
+        after = np.ones(n)
         self.held_at = np.full(n, np.nan)
         if not hit.all():
-            times, held = np.concatenate(course.reversals), np.concatenate(course.held)
+            times, held = np.concatenate(course.turns), np.concatenate(course.held)
             self.held_at[~hit] = np.where(held, times, np.nan)
+            after[~hit] = np.concatenate(course.after)
+        self.direction, self.sticks = -self.last_stop * after, after == 0.0
         counts = np.zeros(n, bool)
         counts[1:] = course.flies[self.flight[:-1]]
         self.ends = np.flatnonzero(counts)

@@ -9,6 +9,7 @@ from impact_damper_ros.parameters.parameter_spec import ParameterError
 
 from .candidates import OVER_SPEED, Candidate, Evidence, shared_with_fall
 from .constant_estimates import ConstantEstimates, own_covariance
+from .contradictions import without_contradictions
 from .course import Course
 from .first_course import WRONG_RIG, UnfitRecordError
 from .partition import Record, noise_between, noise_of
@@ -25,6 +26,8 @@ NO_SUCH_RIG = (ParameterError, RuntimeError, np.linalg.LinAlgError)
 _MOST_CONSTANTS, _MOVED = 6, 0.01
 #: Share of flights that count above which it is not revised again.
 _ENOUGH = 0.95
+#: A fall of chi squared that shows that m sticks.
+_SHOWN = 15.0
 #: A fall of restitution beyond so many standard deviations is fitted.
 _FALL = 3.0
 #: Largest v/v_c that is fitted: above it R is nearly a power of the speed.
@@ -114,6 +117,7 @@ class RecordFit:
         self.found = self.found.solve(self._problem)
         self._scale = self.scale_of(self.found)
         self._fit_constants()
+        self._try_sticks()
         evidence = self._examine()
         before = self.found
         self._mend()
@@ -153,6 +157,36 @@ class RecordFit:
         found = revise(course, self._problem).without_rejected(self._problem)
         _check_flights(found)
         return found
+
+    def _try_sticks(self) -> None:
+        """
+        Take the fit in which m sticks between two reversals, if the record shows that.
+
+        Less friction and less restitution make much the same motion.
+        """
+        course = self.found.course.with_sticks()
+        if course.structure == self.found.course.structure:
+            return
+        before = self.found, self.known, self.unknowns, dict(self.moved)
+        try:
+            shooting, solution, _ = without_contradictions(
+                self._problem, self._problem(course), {}, softly=True
+            )
+            self.found = self._revise(shooting.course_of(solution.unknowns))
+            self._fit_constants()
+            if self._saved(before[0]) > _SHOWN:
+                return
+        except (UnfitRecordError, *NO_SUCH_RIG):
+            pass
+        self.found, self.known, self.unknowns, self.moved = before
+
+    def _saved(self, before: Revised) -> float:
+        """Return the fall of chi squared from another fit, for the samples that both explain."""
+        n, saved = len(self._record.time), np.zeros(len(self._record.time))
+        for fit, sign in ((before, 1.0), (self.found, -1.0)):
+            saved += sign * fit.solution.equations.residual[:n] ** 2
+            saved[~fit.shooting.motion(fit.solution.unknowns)[1]] = np.nan
+        return float(np.nansum(saved))
 
     def _estimate_constants(self, *, doubted: bool = False) -> ConstantEstimates:
         return ConstantEstimates.of(self.found, self._scale, self.moved, doubted=doubted)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .course import Course, Flags
+from .course import Course, Flags, reversals
 from .first_course import check_impacts
 from .gauss_newton import System, solve
 from .reversals import expected_reversals
@@ -54,12 +54,13 @@ def relax(course: Course, problem: Problem, *, timed: bool) -> Course:
         vibration = shooting.vibration(course.shared)
         expected = expected_reversals(course, shooting.unknowns, vibration)
         bad = ~expected.possible | broken[:-1]
-        course.reversals, course.held = expected.reversals, expected.held
+        course.turns, course.held = expected.reversals, expected.held
+        course.after = [reversals(len(times)) for times in course.turns]
         course.begins[1:] = bad & (soft < _CUT)
         course.lawless = bad & (soft >= _CUT)
         course.lawless[0] = soft >= _CUT
         for k in np.flatnonzero(course.lawless):
-            course.held[k] = np.ones(len(course.reversals[k]), bool)
+            course.held[k] = np.ones(len(course.turns[k]), bool)
         _begin_parts(course, shooting)
         shooting = problem(course)
         solution = solve(shooting, shooting.start(), soft=soft, most=_STEPS)

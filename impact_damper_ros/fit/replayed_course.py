@@ -5,9 +5,9 @@ The replay of each flight of a course by the exact engine, and the course that f
 From each impact the engine flies on until it hits a stop where and when the course has an impact.
 If that is the next one, the flight agrees. If it is a later one, the impacts between are removed;
 further impacts of the engine are inserted: without measured times always, with them where each has
-a spare time, or one impact was missed. The data must agree with what is changed. The reversals of
-the engine become nodes. A flight that sticks, or from which the engine arrives nowhere, is cut
-out, until a later round agrees.
+a spare time, or one impact was missed. The data must agree with what is changed. The reversals,
+sticks and releases of the engine become nodes. A flight in which m rests on a stop, or from which
+the engine arrives nowhere, is cut out, until a later round agrees.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import numpy as np
 from impact_damper_ros.motion.event import Event, EventKind
 
 from .contradictions import contradiction_of
-from .course import Course, Flags
+from .course import Counts, Course, Flags, reversals
 from .first_course import match_times
-from .flight_replay import FlightReplay, Passage, passage
+from .flight_replay import TURNS, FlightReplay, Passage, passage
 from .shooting import Shooting
 from .vibration import Array
 
@@ -39,7 +39,7 @@ _OFTEN = 2
 #: Residuals of the data in a flight that changes the course, in standard deviations.
 _MISFIT = 3.0
 #: Why a flight is left out that the engine makes as measured, but the equations do not have.
-STICKS = 'm sticks or rests in it'
+RESTS = 'm rests on a stop in it'
 #: Least time between two nodes, s.
 _LEAST_SPAN = 2e-6
 
@@ -61,8 +61,9 @@ class Impact:
 
     def __init__(self, row: list[float], stop: int, *, begins: bool) -> None:
         self.row, self.stop, self.begins = row, stop, begins
-        # Reversals of the flight that ends there
-        self.reversals: Array = np.zeros(0)
+        # What friction does in the flight that ends there
+        self.turns: Array = np.zeros(0)
+        self.after: Counts = reversals(0)
         self.held: Flags = np.zeros(0, bool)
 
     @property
@@ -127,9 +128,31 @@ class ReplayedCourse:
         course = self.course
         self.impacts = [Impact(self._own(k), int(course.stop[k]), begins=bool(course.begins[k]))]
         found = self._passage(k, self.tolerance)
-        turns = sum(event.kind is EventKind.REVERSAL for event in found.events)
-        agrees = found.ahead == 1 and not found.missed and not found.sticks
-        return agrees and turns == len(course.reversals[k])
+        agrees = found.ahead == 1 and not found.missed and not found.rests
+        return agrees and self._ways(found.events) == [*course.after[k].tolist(), 1]
+
+    def _ways(self, events: list[Event]) -> list[int]:
+        """Return how m slides after each event since the last impact, as in `Course.after`."""
+        ways, way, stop = [], 1, self.impacts[-1].stop
+        for event in events:
+            if event.kind is EventKind.IMPACT:
+                way, stop = 1, event.side
+            elif event.kind is EventKind.STICK:
+                way = 0
+            elif event.kind is EventKind.RELEASE:
+                way = stop if self._held_up(event) + stop * self.unknowns.air > 0.0 else -stop
+            else:
+                way = -way
+            ways.append(way)
+        return ways
+
+    def _held_up(self, event: Event) -> float:
+        """Return the acceleration of m, with M, that it would not have without friction, m/s^2."""
+        unknowns = self.unknowns
+        at, x, v, _ = (np.array([value]) for value in _row_of(self.impacts[-1].time, event))
+        vibration = self.shooting.vibration(self.course.shared, joint=True)
+        push = np.array([unknowns.share * unknowns.slope])
+        return float(vibration.acceleration(at, x, v, push)[0]) - unknowns.slope
 
     def _fly(self, k: int) -> int:
         """Add the flight from an impact, and return the impact of the course where it ends."""
@@ -139,7 +162,7 @@ class ReplayedCourse:
         end = k + max(found.ahead, 1)
         gain = self.gains.get(k, 0.0)
         banned = memory.count(float(course.time[end])) >= _OFTEN
-        agrees = found.ahead > 0 and not found.sticks and not banned and not gain
+        agrees = found.ahead > 0 and not found.rests and not banned and not gain
         if agrees and found.missed:
             agrees = self._spare(k, end, found)
         if agrees and (found.missed or end > k + 1 or was_cut):
@@ -147,7 +170,7 @@ class ReplayedCourse:
         if agrees:
             self._join(k, end, found, was_cut)
             return end
-        if not (found.ahead > 0 and found.sticks):
+        if not (found.ahead > 0 and found.rests):
             end = k + 1
         self._cut(k, end, found, gain)
         return end
@@ -157,25 +180,20 @@ class ReplayedCourse:
         shooting, shared = self.shooting, self.course.shared
         record, last = shooting.record, self.impacts[-1]
         begin, end = last.time, last.time + found.events[-1].time
-        states, pushes = [last.row], []
-        stop, direction = last.stop, -last.stop
-        grip, air = self.unknowns.value(shared, 'grip'), self.unknowns.air
-        for event in found.events:
-            pushes.append(self.unknowns.rig.mass_ratio * (direction * grip + stop * air))
-            states.append(_row_of(begin, event))
-            if event.kind is EventKind.IMPACT:
-                stop = event.side
-                direction = -stop
-            else:
-                direction = -direction
+        stops = [last.stop]
+        for event in found.events[:-1]:
+            stops.append(event.side if event.kind is EventKind.IMPACT else stops[-1])
+        last_stop = np.array(stops, float)
+        direction = -last_stop * [1, *self._ways(found.events)[:-1]]
+        pushes = shooting.push_of(self.unknowns.value(shared, 'grip'), direction, last_stop)
+        states = [last.row, *(_row_of(begin, event) for event in found.events)]
         rows = np.array(states)
         inside = slice(*np.searchsorted(record.time, [begin, end]))
         time, weight = record.time[inside], shooting.weight[inside]
         if not weight.any():
             return 0.0
-        node = np.clip(np.searchsorted(rows[:, 0], time, side='right') - 1, 0, len(pushes) - 1)
-        vibration = shooting.vibration(shared)
-        signal = shooting.signal(vibration, rows[:-1], np.array(pushes), node, inside)
+        node = np.clip(np.searchsorted(rows[:, 0], time, side='right') - 1, 0, len(rows) - 2)
+        signal = shooting.signal(shared, rows[:-1], pushes, direction == 0.0, node, inside)
         left = (shooting.sense(shared, signal) - record.motion[inside]) * weight
         return float(np.sqrt(left @ left / (weight > 0.0).sum()))
 
@@ -185,12 +203,12 @@ class ReplayedCourse:
         if found.missed or end > k + 1 or was_cut:
             self.risky.append(float(course.time[end]))
             self.changed = True
-        turns: list[Event] = []
+        turns: list[tuple[Event, int]] = []
         held = bool(course.held[k].any())
         hits = found.impacts
-        for event in found.events:
-            if event.kind is EventKind.REVERSAL:
-                turns.append(event)
+        for event, way in zip(found.events, self._ways(found.events), strict=True):
+            if event.kind in TURNS:
+                turns.append((event, way))
             elif event.kind is EventKind.IMPACT:
                 impact = Impact(_row_of(begin, event), event.side, begins=False)
                 if event is hits[-1]:
@@ -200,8 +218,9 @@ class ReplayedCourse:
                     )
                     impact.row = _row_of(begin, event) if lone else self._own(end)
                     impact.stop = int(course.stop[end])
-                impact.reversals = np.array([begin + turn.time for turn in turns])
-                impact.held = np.array([self._flat(begin, turn, held) for turn in turns], bool)
+                impact.turns = np.array([begin + turn.time for turn, _ in turns])
+                impact.after = np.array([way for _, way in turns], int)
+                impact.held = np.array([self._flat(begin, turn, held) for turn, _ in turns], bool)
                 self.impacts.append(impact)
                 turns = []
 
@@ -216,6 +235,8 @@ class ReplayedCourse:
 
     def _flat(self, begin: float, event: Event, was_held: bool) -> bool:
         """Return whether m hardly reverses at an event, so that its instant is fixed."""
+        if event.kind is not EventKind.REVERSAL:
+            return False
         x, v = np.array([event.x]), np.array([event.primary_velocity_before])
         at = np.array([begin + event.time])
         vibration = self.shooting.vibration(self.course.shared)
@@ -262,8 +283,9 @@ class ReplayedCourse:
             match_times(time, times, max(6.0 * self.shooting.impact_deviation, 1e-9)),
         )
         for k, impact in enumerate(impacts[1:]):
-            inside = (impact.reversals > rows[k, 0]) & (impact.reversals < rows[k + 1, 0])
-            course.reversals[k], course.held[k] = impact.reversals[inside], impact.held[inside]
+            inside = (impact.turns > rows[k, 0]) & (impact.turns < rows[k + 1, 0])
+            course.turns[k], course.after[k] = impact.turns[inside], impact.after[inside]
+            course.held[k] = impact.held[inside]
         return course
 
 
@@ -279,8 +301,8 @@ def _row_of(begin: float, event: Event) -> list[float]:
 def _why(found: Passage, gain: float) -> str:
     if gain:
         return contradiction_of(gain)
-    if found.sticks and found.ahead:
-        return STICKS
+    if found.rests and found.ahead:
+        return RESTS
     if found.missed > 0:
         return f'computed from its start, it has {found.missed} more impacts'
     return 'computed from its start, m does not arrive as measured'

@@ -27,7 +27,7 @@ from .course import Course, Flags
 from .first_course import WRONG_RIG, UnfitRecordError
 from .gauss_newton import FitSolution, solve
 from .relaxation import Problem
-from .replayed_course import STICKS, Memory, ReplayedCourse
+from .replayed_course import RESTS, Memory, ReplayedCourse
 from .shooting import Shooting
 from .vibration import Array
 
@@ -85,9 +85,9 @@ class Revised(NamedTuple):
         """
         Number of flights left out that say neither that the model is right nor that it is wrong.
 
-        The engine makes them as measured, but m sticks or hardly reverses in them.
+        The engine makes them as measured, but m rests on a stop or hardly reverses in them.
         """
-        return self._left_out(STICKS, FLAT)
+        return self._left_out(RESTS, FLAT)
 
     @property
     def obey(self) -> int:

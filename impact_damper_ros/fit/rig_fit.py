@@ -70,8 +70,8 @@ class FittedFlight(NamedTuple):
     ----------
     start, end : float
         Instants of the impacts at its ends, s.
-    reversals : int
-        Number of reversals of m.
+    reversals, sticks : int
+        How often m reverses, and how often it sticks.
     used : bool
         Whether the flight counts.
     why_not : str
@@ -85,6 +85,7 @@ class FittedFlight(NamedTuple):
     start: float
     end: float
     reversals: int
+    sticks: int
     used: bool
     why_not: str
     residual: float
@@ -408,6 +409,8 @@ def _flights(found: Revised, residuals: Array, deviation: float) -> list[FittedF
     course, time = found.course, found.shooting.record.time
     edges = np.searchsorted(time, course.time)
     flights = []
+    # Each stick ends in a release
+    sticks = [int((ways == 0).sum()) for ways in course.after]
     for k in range(len(course) - 1):
         part = residuals[edges[k] : edges[k + 1]]
         part = part[np.isfinite(part)]
@@ -415,7 +418,8 @@ def _flights(found: Revised, residuals: Array, deviation: float) -> list[FittedF
             FittedFlight(
                 float(course.time[k]),
                 float(course.time[k + 1]),
-                len(course.reversals[k]),
+                len(course.after[k]) - 2 * sticks[k],
+                sticks[k],
                 bool(course.flies[k]),
                 '' if course.flies[k] else found.why_cut.get(k + 1, 'it was left out'),
                 float(np.sqrt(np.mean(part**2)) / deviation) if len(part) else math.nan,

@@ -2,8 +2,8 @@
 """
 Multiple shooting in closed form: data and laws over all flights, with their derivatives.
 
-As in `orbits.closed_flights` nodes are events, here impacts and reversals, and the unknowns are
-their instants and the states (X, X', Y, Z') just after them; data replace the closure, and the
+As in `orbits.closed_flights` nodes are events, here impacts and turns, and the unknowns are their
+instants and the states (X, X', Y, Z') just after them; data replace the closure, and the
 parameters are unknown, too. From node to node the motion is one closed formula, so that no error
 is carried over more than one flight, even in chaotic motion.
 
@@ -12,7 +12,7 @@ laws of m,
 
 - velocity: m arrives at an impact with alpha J relative to M, where J is the jump of X',
 - place: m arrives at the stop,
-- reversal: m is as fast as M there,
+- turn: m is as fast as M where it reverses or sticks; friction is at its limit at a release,
 
 are imposed exactly, or at first softly, with a deviation.
 """
@@ -69,11 +69,12 @@ class Equations(NamedTuple):
 
 
 class Further(NamedTuple):
-    """A small further motion of M: the measured quantity at samples, X and X' at `ends`."""
+    """A small further motion of M: the measured quantity at samples, X, X' and X'' at `ends`."""
 
     signal: Array
     x: Array
     velocity: Array
+    acceleration: Array
 
 
 class Shooting(NodeMotion):
@@ -205,13 +206,11 @@ class Shooting(NodeMotion):
         shared, states = self.parts(u)
         record, value = self.record, self.unknowns.value
         node, inside = self._node_of_samples(states)
-        vibration, grip = self.vibration(shared), value(shared, 'grip')
         time, nodes = record.time, np.arange(self.count_of_nodes)
-        push, _ = self._pushes(grip, nodes)
+        push, _ = self._pushes(value(shared, 'grip'), nodes)
         span = time - states[node, T]
-        start = vibration.acceleration(states[:, T], states[:, X], states[:, V], push)
-        matrix, by_push = _rates_of(vibration, span, record.order)
-        x_rate, v_rate = matrix
+        start = self._acceleration(shared, states, push, nodes)
+        x_rate, v_rate, by_push = self._rates_of(shared, span, record.order, node)
         signal = self._signal(shared, states, node)
         weight = np.where(inside, self.weight, 0.0)
         rates = np.zeros((len(time), 3 + self.count))
@@ -281,7 +280,36 @@ class Shooting(NodeMotion):
         impact = self.kind[self.ends] != 0
         table[~impact & ~self._held, _LAST] = speed
         table[~impact & self._held, _LAST] = 1e-3 / self.rate
+        table[self.released, _LAST] = speed * self.rate
         return table
+
+    @cached_property
+    def released(self) -> NDArray[np.int64]:
+        """Those of `ends` at which friction lets m go, unless their instant is held."""
+        return np.flatnonzero(self.sticks[self.ends - 1] & ~self._held)
+
+    def _excess(self, shared: Array, arrival: Array) -> Array:
+        """Return how far friction is beyond its limit at releases, per mass of m, m/s^2."""
+        ends = self.ends[self.released]
+        _, pull = self._pushes(self.unknowns.value(shared, 'grip'), ends)
+        push, _ = self._pushes(0.0, ends - 1)
+        return pull - self._acceleration(shared, arrival[self.released], push, ends - 1)
+
+    def _acceleration(
+        self, shared: Array, states: Array, push: Array, node: NDArray[np.int64]
+    ) -> Array:
+        """Return X'' in states of the flights after nodes."""
+        return self._by_vibration(
+            shared,
+            self.sticks[node],
+            lambda one: one.acceleration(states[:, T], states[:, X], states[:, V], push),
+        )
+
+    def _rates_of(self, shared: Array, span: Array, order: int, node: NDArray[np.int64]) -> Array:
+        """Return `_rates_of` of the vibrations after nodes, shape (3, n)."""
+        return self._by_vibration(
+            shared, self.sticks[node], lambda one: np.array(_rates_of(one, span, order))
+        )
 
     def in_units(self, rows: Array) -> Array:
         """Return conditions of flights in their units; those that demand nothing are zero."""
@@ -292,13 +320,17 @@ class Shooting(NodeMotion):
     def _conditions(self, u: Array) -> Array:
         shared, states = self.parts(u)
         ends = self.ends
-        grip, gap = self.unknowns.value(shared, 'grip'), self.unknowns.value(shared, 'gap')
+        gap = self.unknowns.value(shared, 'gap')
         after, impact = states[ends], self.kind[ends] != 0
         before = states[ends - 1], after[:, T], ends - 1
-        x, v, w, y = self._flown(self.vibration(shared), grip, *before)
+        x, v, w, y = self._flown(shared, *before)
+        excess = self._excess(shared, np.stack([after[:, T], x, v], axis=1))
         if self.further is not None:
-            x, y = x + self.further.x, y - self.further.x
+            sticks = self.sticks[ends - 1]
+            x, y = x + self.further.x, y - np.where(sticks, 0.0, self.further.x)
+            w = w + np.where(sticks, self.further.velocity, 0.0)
             v = v + self.further.velocity
+            excess = excess - self.further.acceleration[self.released]
         jump = after[:, V] - v
         alpha, *_ = self._alphas(shared, w - v)
         ratio = self.unknowns.rig.primary_mass / self.unknowns.rig.damper_mass
@@ -313,6 +345,7 @@ class Shooting(NodeMotion):
             after[:, Y] - 0.5 * gap * self.kind[ends],
             np.where(self._held, after[:, T] - self.held_at[ends], w - v),
         )
+        values[self.released, _LAST] = excess
         firsts = states[self.firsts, Y] - 0.5 * gap * self.kind[self.firsts]
         held = states[self.holds[:, 0], self.holds[:, 1]] - self._hold_values
         rows = self.in_units(values).ravel()
@@ -349,7 +382,7 @@ class Shooting(NodeMotion):
 
     def _end_rates(self, u: Array) -> tuple[Array, NDArray[np.int64], tuple[Array, Array]]:
         """
-        Return derivatives of X, X', Z' and Y just before the nodes that end a flight.
+        Return derivatives of X, X', Z', Y and X'' just before the nodes that end a flight.
 
         Derivatives are by the five unknowns of the node before, those of the node, and the shared
         ones; their columns, and X' and Z', are returned, too.
@@ -358,36 +391,49 @@ class Shooting(NodeMotion):
         ends, count = self.ends, self.count
         before, after = states[ends - 1], states[ends]
         n = len(ends)
-        vibration, grip = self.vibration(shared), self.unknowns.value(shared, 'grip')
+        grip, sticks = self.unknowns.value(shared, 'grip'), self.sticks[ends - 1]
         flown = before, after[:, T], ends - 1
-        x, v, w, _ = self._flown(vibration, grip, *flown)
+        x, v, w, _ = self._flown(shared, *flown)
         push, pull = self._pushes(grip, ends - 1)
         span = after[:, T] - before[:, T]
-        end = np.zeros((n, 4, 10 + count))
-        start = vibration.acceleration(before[:, T], before[:, X], before[:, V], push)
-        last = vibration.acceleration(after[:, T], x, v, push)
+        end = np.zeros((n, 5, 10 + count))
+        arrival = np.stack([after[:, T], x, v], axis=1)
+        start, last = (self._acceleration(shared, at, push, ends - 1) for at in (before, arrival))
         ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
         direction, column = self.direction[ends - 1], self.unknowns.column('grip')
         grip_at = [10 + column] if column >= 0 else []
-        for row, order in ((0, 0), (1, 1)):
-            (by_x, by_v), by_push = _rates_of(vibration, span, order)
-            end[:, row, T] = -(by_x * before[:, V] + by_v * start)
-            end[:, row, X], end[:, row, V] = by_x, by_v
-            end[:, row, grip_at] = (by_push * ratio * direction)[:, None]
+        for order in range(2 + bool(len(self.released))):
+            by_x, by_v, by_push = self._rates_of(shared, span, order, ends - 1)
+            row = end[:, 4 if order == 2 else order]
+            row[:, T] = -(by_x * before[:, V] + by_v * start)
+            row[:, X], row[:, V] = by_x, by_v
+            row[:, grip_at] = (by_push * ratio * direction)[:, None]
         end[:, 0, 5 + T], end[:, 1, 5 + T] = v, last
+        end[:, 4, 5 + T] = self._by_vibration(
+            shared, sticks, lambda one: one.jerk(after[:, T], v, last)
+        )
         for column, step in self._varied.items():
             other = shared.copy()
             other[column] += step
-            varied = self._flown(self.vibration(other), grip, *flown)
-            end[:, 0, 10 + column] = (varied[0] - x) / step
-            end[:, 1, 10 + column] = (varied[1] - v) / step
-        end[:, 2, T], end[:, 2, 5 + T], end[:, 2, W] = -pull, pull, 1.0
+            varied = self._flown(other, *flown)
+            there = np.stack([after[:, T], *varied[:2]], axis=1)
+            rates = (
+                varied[0] - x,
+                varied[1] - v,
+                self._acceleration(other, there, push, ends - 1) - last,
+            )
+            end[:, [0, 1, 4], 10 + column] = np.transpose(rates) / step
+        slides = ~sticks
+        end[slides, 2, T], end[slides, 2, 5 + T] = -pull[slides], pull[slides]
         end[:, 2, grip_at] = -(direction * span)[:, None]
-        end[:, 3] = -end[:, 0]
-        end[:, 3, T] -= w
-        end[:, 3, 5 + T] += w
-        end[:, 3, W] += span
-        end[:, 3, X] += 1.0
+        end[sticks, 2] = end[sticks, 1]
+        end[sticks, 2, V] -= 1.0
+        end[:, 2, W] = 1.0
+        end[slides, 3] = -end[slides, 0]
+        end[slides, 3, T] -= w[slides]
+        end[slides, 3, 5 + T] += w[slides]
+        end[slides, 3, W] += span[slides]
+        end[slides, 3, X] += 1.0
         end[:, 3, Y] += 1.0
         end[:, 3, grip_at] -= (0.5 * direction * span**2)[:, None]
         columns = np.empty((n, 10 + count), np.int64)
@@ -433,6 +479,10 @@ class Shooting(NodeMotion):
         rates[hit, _LAST, gap_at] = -0.5 * self.kind[ends][hit]
         rates[free, _LAST] = (end[:, 2] - end[:, 1])[free]
         rates[held, _LAST, 5 + T] = 1.0
+        released = self.released
+        rates[released, _LAST] = -end[released, 4]
+        if (column := self.unknowns.column('grip')) >= 0:
+            rates[released, _LAST, 10 + column] -= self.direction[ends[released]]
         rates /= self._units[:, :, None]
         width = 10 + count
         columns = np.broadcast_to(at[:, None], (n, 5, width)).reshape(-1, width)
@@ -459,17 +509,17 @@ class Shooting(NodeMotion):
         return rates, columns
 
 
-def _rates_of(vibration: Vibration, span: Array, order: int) -> tuple[tuple[Array, Array], Array]:
+def _rates_of(vibration: Vibration, span: Array, order: int) -> tuple[Array, Array, Array]:
     """Return derivatives of X, X' or X'' after spans by X and X' before, and by a push."""
     less, impulse, slope = unit_response(vibration.decay, vibration.damped, span)
     square, twice = vibration.stiffness, 2.0 * vibration.decay
     if order == 0:
-        return (1.0 + less, impulse), -less / square
+        return 1.0 + less, impulse, -less / square
     if order == 1:
-        return (-square * impulse, slope), impulse
+        return -square * impulse, slope, impulse
     by_x = -twice * (-square * impulse) - square * (1.0 + less)
     by_v = -twice * slope - square * impulse
-    return (by_x, by_v), 1.0 - twice * impulse + less
+    return by_x, by_v, 1.0 - twice * impulse + less
 
 
 def _sparse(rates: Array, columns: NDArray[np.int64], size: int) -> sparse.csr_array:

@@ -42,10 +42,16 @@ class Vibration(NamedTuple):
 
     @classmethod
     def of(
-        cls, rig: RigParameters, stiffness: float, damping: float, delay: float = 0.0
+        cls,
+        rig: RigParameters,
+        stiffness: float,
+        damping: float,
+        delay: float = 0.0,
+        *,
+        joint: bool = False,
     ) -> Vibration:
-        """Return the vibration of a rig with other K and C, whose force is delayed."""
-        mass = rig.primary_mass
+        """Return the vibration of M, or of M and m, with other K and C and a delayed force."""
+        mass = rig.primary_mass + (rig.damper_mass if joint else 0.0)
         decay, square = 0.5 * damping / mass, stiffness / mass
         forces, frequencies, phases = _harmonics(rig, stiffness, damping)
         return cls(
@@ -114,6 +120,12 @@ class Vibration(NamedTuple):
     def acceleration(self, times: Array, x: Array, velocity: Array, push: Array) -> Array:
         """Return X'' in a state at times under a constant push."""
         rest: Array = self.drive(times) + push - 2.0 * self.decay * velocity - self.stiffness * x
+        return rest
+
+    def jerk(self, times: Array, velocity: Array, acceleration: Array) -> Array:
+        """Return X''' at times, from X' and X'' there."""
+        drive = (1j * self.frequencies * self.phasors(times)).imag.sum(-1)
+        rest: Array = drive - 2.0 * self.decay * acceleration - self.stiffness * velocity
         return rest
 
 

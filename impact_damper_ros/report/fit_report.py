@@ -192,12 +192,13 @@ def flight_table(found: RigFit) -> Table:
             f'{flight.start:.4f}',
             f'{1e3 * (flight.end - flight.start):.1f}',
             str(flight.reversals),
+            str(flight.sticks),
             number(flight.residual, 3),
             'yes' if flight.used else flight.why_not,
         )
         for flight in shown
     ]
-    head = ('from [s]', 'lasts [ms]', 'reversals', 'residual', 'used')
+    head = ('from [s]', 'lasts [ms]', 'reversals', 'sticks', 'residual', 'used')
     table = Table.of_rows(head, rows, texts=0)
     columns = [*table.columns[:-1], table.columns[-1]._replace(kind='text')]
     return Table(columns, table.groups, 'Flights', note)

@@ -129,19 +129,25 @@ def true_course(unknowns: Unknowns, measurement: Measurement) -> tuple[Record, C
     record, _, events = measurement
     rig = unknowns.rig
     hits = events[events['kind'] == EventKind.IMPACT]
-    turns = events['time'][events['kind'] == EventKind.REVERSAL]
-    sticks = events['time'][np.isin(events['kind'], (EventKind.STICK, EventKind.REST))]
+    rests = events['time'][events['kind'] == EventKind.REST]
     alphas = unknowns.alpha(np.array([rig.restitution_1, rig.restitution_2]))
     grip = rig.friction * unknowns.normal
     shared = unknowns.start(rig.stiffness, rig.damping, alphas, grip, rig.gap)
     if (column := unknowns.column('slowness')) >= 0:
         shared[column] = rig.restitution_slowness
     spans = list(pairwise(hits['time'].tolist()))
-    begins = np.array([True, *(((sticks > low) & (sticks < high)).any() for low, high in spans)])
-    reversals = [
-        np.zeros(0) if cut else turns[(turns > low) & (turns < high)]
-        for (low, high), cut in zip(spans, begins[1:], strict=True)
-    ]
+    begins = np.array([True, *(((rests > low) & (rests < high)).any() for low, high in spans)])
+    stop = np.where(hits['stop'] == 1, 1, -1)
+    turns, after = [], []
+    for (low, high), cut, side in zip(spans, begins[1:], stop, strict=False):
+        inside = (events['time'] > low) & (events['time'] < high) & (not cut)
+        turns.append(events['time'][inside])
+        ways = [1]
+        for k in np.flatnonzero(inside):
+            slides = -side * np.sign(events['y'][k + 1] - events['y'][k])
+            kind = events['kind'][k]
+            ways.append({EventKind.STICK: 0, EventKind.REVERSAL: -ways[-1]}.get(kind, int(slides)))
+        after.append(np.array(ways[1:], int))
     times = np.zeros(0) if record.impact_times is None else record.impact_times
     course = Course(
         shared,
@@ -149,11 +155,11 @@ def true_course(unknowns: Unknowns, measurement: Measurement) -> tuple[Record, C
         hits['x'].copy(),
         hits['primary_velocity_after'].copy(),
         hits['damper_velocity_after'].copy(),
-        np.where(hits['stop'] == 1, 1, -1),
+        stop,
         begins,
         match_times(hits['time'], times, 6.0 * DEVIATION),
-        reversals,
-        [np.zeros(len(turn), bool) for turn in reversals],
+        turns,
+        after,
     )
     weight = np.ones(len(record.time))
     return Record(record.time, record.motion, weight, ORDERS[record.quantity]), course
@@ -164,7 +170,7 @@ def bounds_of(rig: RigParameters, measurement: Measurement) -> dict[str, float]:
     Return the Cramer-Rao bounds of the deviations of `true_values`.
 
     Those of an estimate that knows all impacts and reversals, and which of the measured times are
-    whose; flights in which m sticks count for nothing, as in the fit.
+    whose; flights in which m rests on a stop count for nothing, as in the fit.
     """
     unknowns = Unknowns(rig, False, ())
     samples, course = true_course(unknowns, measurement)

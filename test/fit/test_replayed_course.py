@@ -17,9 +17,11 @@ from impact_damper_ros.fit.unknowns import Unknowns
 from .random_rigs import DEVIATION, measure, random_rig, true_course
 
 
-def truth(seed, impacts=40, timed=False):
+def truth(seed, impacts=40, timed=False, friction=None):
     rng = np.random.default_rng(seed)
     rig = random_rig(rng)
+    if friction is not None:
+        rig = rig.replace(friction=friction)
     measurement = measure(rig, rng, impacts=impacts, timed=timed)
     unknowns = Unknowns(rig, False, ())
     record, course = true_course(unknowns, measurement)
@@ -38,7 +40,8 @@ def picked(course, index):
     return replace(
         course,
         **{name: getattr(course, name)[index] for name in arrays},
-        reversals=[course.reversals[k] for k in index[:-1]],
+        turns=[course.turns[k] for k in index[:-1]],
+        after=[course.after[k] for k in index[:-1]],
         held=[course.held[k] for k in index[:-1]],
     )
 
@@ -52,10 +55,10 @@ def test_reversals_are_expected_in_order_and_where_they_are(seed):
         nodes = [low, *found.reversals[k].tolist(), high]
         assert np.all(np.diff(nodes) > 0.0)
         if found.possible[k] and not course.begins[k + 1] and not found.held[k].any():
-            assert len(found.reversals[k]) == len(course.reversals[k])
+            assert len(found.reversals[k]) == len(course.turns[k])
             # Between two of the points that are looked at
             apart = (high - low) / 80
-            np.testing.assert_allclose(found.reversals[k], course.reversals[k], atol=2.0 * apart)
+            np.testing.assert_allclose(found.reversals[k], course.turns[k], atol=2.0 * apart)
 
 
 def revised(course, problem):
@@ -79,7 +82,18 @@ def test_wrong_impacts_are_replaced_by_those_of_the_engine(timed):
     assert found.flies.all(), turn.why_cut
     np.testing.assert_allclose(found.time, course.time, atol=1e-9)
     np.testing.assert_array_equal(found.stop, course.stop)
-    for mine, true in zip(found.reversals, course.reversals, strict=True):
+    for mine, true in zip(found.turns, course.turns, strict=True):
+        np.testing.assert_allclose(mine, true, atol=1e-9)
+
+
+@pytest.mark.parametrize('friction', [0.15, 0.25])
+def test_sticks_of_the_engine_become_nodes(friction):
+    _, course, problem = truth(108, friction=friction)
+    assert sum((ways == 0).any() for ways in course.after) > 10
+    found, turn = revised(course, problem)
+    assert not turn.changed
+    assert found.structure[2] == course.structure[2]
+    for mine, true in zip(found.turns, course.turns, strict=True):
         np.testing.assert_allclose(mine, true, atol=1e-9)
 
 
@@ -98,8 +112,9 @@ def test_what_the_data_contradict_is_not_changed():
 def test_only_flights_that_the_engine_makes_are_confirmed():
     _, course, problem = truth(105)
     course.damper_velocity[12] *= 1.1
-    course.reversals[20] = np.append(course.reversals[20], 0.5 * (course.time[20:22].sum()))
-    course.held[20] = np.zeros(len(course.reversals[20]), bool)
+    course.turns[20] = np.append(course.turns[20], 0.5 * (course.time[20:22].sum()))
+    course.after[20] = np.append(course.after[20], 0)
+    course.held[20] = np.zeros(len(course.turns[20]), bool)
     turn = ReplayedCourse(course, problem(course), Memory(0.01), {}, 0.006)
     confirmed = [turn.confirms(k) for k in range(len(course) - 1)]
     assert [k for k, sure in enumerate(confirmed) if not sure] == [12, 20]
@@ -107,8 +122,8 @@ def test_only_flights_that_the_engine_makes_are_confirmed():
 
 def test_there_is_one_verdict_for_each_flight():
     _, course, problem = truth(108)
-    turning = next(k for k in range(25) if course.flies[k] and len(course.reversals[k]))
-    course.held[turning] = np.ones(len(course.reversals[turning]), bool)
+    turning = next(k for k in range(25) if course.flies[k] and len(course.turns[k]))
+    course.held[turning] = np.ones(len(course.turns[turning]), bool)
     shooting = problem(course)
     # M moves on behind the impact as before it
     course.velocity[30] = shooting.before_nodes(shooting.start())[1][shooting.impacts[30] - 1]

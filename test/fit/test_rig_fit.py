@@ -14,9 +14,11 @@ from .other_rigs import measure_other
 from .random_rigs import errors, guess_of, measure, random_rig, true_values
 
 
-def fitted(seed, also=(), uncertain=None, **options):
+def fitted(seed, also=(), uncertain=None, friction=None, **options):
     rng = np.random.default_rng(seed)
     rig = random_rig(rng)
+    if friction is not None:
+        rig = rig.replace(friction=friction)
     record = measure(rig, rng, **options).record
     return rig, record, fit_rig(record, guess_of(rig, rng), also=also, uncertain=uncertain)
 
@@ -31,6 +33,9 @@ def fitted(seed, also=(), uncertain=None, **options):
         (105, {'quantity': 'acceleration'}),
         # m bounces on a stop at the start, with jumps that the noise hides
         (70019, {'timed': False, 'impacts': 100}),
+        # m sticks in many flights; with less friction and R it would reverse twice instead
+        (1348176165, {'missing': 0.05, 'false': 0.02, 'impacts': 100}),
+        (108, {'friction': 0.1}),
     ],
 )
 def test_a_rig_is_found_from_its_motion(seed, options):
@@ -45,12 +50,14 @@ def test_a_rig_is_found_from_its_motion(seed, options):
         assert high - estimate.value == pytest.approx(1.96 * estimate.standard_deviation, rel=1e-3)
         if name not in ('friction', 'damping'):
             assert estimate.value == pytest.approx(value, rel=0.05)
+    if 'friction' in options:
+        assert sum(flight.used and flight.sticks for flight in fit.flights) > 3
     assert 0.9 < np.sqrt(fit.chi_squared) < 1.1
     assert fit.fit_percent > 97.0
     # The rig that was found hits its stops as the record has it
     assert fit.rig.gap == fit.parameters['gap'].value
     counted = np.isfinite(fit.residuals)
-    assert counted.mean() > 0.6
+    assert counted.mean() > (0.6 if seed != 1348176165 else 0.2)
     np.testing.assert_allclose(
         fit.residuals[counted], (record.motion - fit.motion)[counted], atol=1e-12
     )

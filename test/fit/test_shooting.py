@@ -10,13 +10,19 @@ from impact_damper_ros.fit.unknowns import EXTRAS, Unknowns
 from .random_rigs import DEVIATION, measure, random_rig, true_course
 
 
+@pytest.mark.parametrize('sticks', [False, True])
 @pytest.mark.parametrize('quantity', ['displacement', 'velocity', 'acceleration'])
-def test_the_exact_motion_obeys_all_laws_and_derivatives_are_those_of_differences(quantity):
+def test_the_exact_motion_obeys_all_laws_and_derivatives_are_those_of_differences(
+    quantity, sticks
+):
     rng = np.random.default_rng(101)
     rig = random_rig(rng).replace(air_force=0.02, angle=0.01, restitution_speed=0.3)
+    if sticks:
+        rig = rig.replace(friction=0.1)
     measurement = measure(rig, rng, impacts=30, quantity=quantity)
     unknowns = Unknowns(rig, True, EXTRAS)
     record, course = true_course(unknowns, measurement)
+    assert any((ways == 0).any() for ways in course.after) == sticks
     times = measurement.record.impact_times
     shooting = Shooting(record, measurement.deviation, unknowns, course, times, DEVIATION)
     u = shooting.start()

@@ -24,7 +24,7 @@ from impact_damper_ros.fit.partition import (
     partition,
 )
 from impact_damper_ros.fit.relaxation import _begin_parts, relax
-from impact_damper_ros.fit.replayed_course import STICKS
+from impact_damper_ros.fit.replayed_course import RESTS
 from impact_damper_ros.fit.revision import UNCONFIRMED, Revised
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import CONSTANTS, Unknowns
@@ -165,7 +165,7 @@ def test_a_first_course_is_relaxed_to_the_motion(timed):
 def test_m_begins_anew_with_the_velocity_that_leads_to_the_next_impact():
     """Of flights without a reversal exactly, whatever pulls m."""
     _, _, course, problem, _ = known(105, {'air_force': 0.02, 'angle': 0.02})
-    plain = [k for k, turns in enumerate(course.reversals) if not len(turns) and course.flies[k]]
+    plain = [k for k, turns in enumerate(course.turns) if not len(turns) and course.flies[k]]
     wrong = course.copy()
     wrong.begins[plain] = True
     wrong.damper_velocity[plain] = 0.0
@@ -326,8 +326,8 @@ CHECK = Candidate('force amplitude', 0.1, 0.02, '', 'the force is not as large a
         (75, 100, {}, []),
         (74, 100, {}, ['only 74 of 100 flights obey']),
         # What sticks contradicts nothing, but half of the flights must count
-        (69, 100, {'why': dict.fromkeys(range(80, 101), STICKS)}, []),
-        (49, 100, {'why': dict.fromkeys(range(50, 101), STICKS)}, ['only 49 of 100 flights obey']),
+        (69, 100, {'why': dict.fromkeys(range(80, 101), RESTS)}, []),
+        (49, 100, {'why': dict.fromkeys(range(50, 101), RESTS)}, ['only 49 of 100 flights obey']),
         # What nothing confirms is neither right nor wrong: 21 of the 40 here
         (60, 100, {'why': dict.fromkeys(range(80, 101), UNCONFIRMED)}, []),
         (
