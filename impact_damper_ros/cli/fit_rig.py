@@ -7,7 +7,7 @@ import argparse
 import math
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from impact_damper_ros.outputs import check_directory
@@ -339,22 +339,56 @@ def _structure(arguments: argparse.Namespace, command: str) -> int:
         title = f'{rig_line(rig)}\nstiffness and damping fitted to {data.source}'
         return rig_yaml(rig, title, notes=fit_report.fit_notes(estimates))
 
-    text = fit_report.structure_text(found)
+    text = '\n'.join([fit_report.structure_text(found), *_beside_file(found, start)])
     return _finish(arguments, text, found.accepted, rig_text)
 
 
+#: Factors by which a fit may differ from the file without a note; and units in which data and file
+#: may differ.
+_ALIKE = 1.25
+_UNIT_FACTORS = {9.80665: 'g', 1e3: 'thousandths', 2.0 * math.pi: 'rad/s and Hz'}
+
+
+def _beside_file(found: StructureFit, start: RigParameters | None) -> Iterator[str]:
+    """Yield a note on each result that is far from that of the file."""
+    if start is None:
+        return
+    of_file = ('natural frequency', found.frequency, start.omega / math.tau, 'Hz')
+    pairs = [of_file]
+    if found.mass is not None:
+        pairs.append(('modal mass', found.mass, start.primary_mass, 'kg'))
+    for name, one, there, unit in pairs:
+        ratio = one.value / there
+        if 1.0 / _ALIKE < ratio < _ALIKE:
+            continue
+        units = [
+            f', the factor between units ({words})'
+            for factor, words in _UNIT_FACTORS.items()
+            if 1.0 / 1.1 < max(ratio, 1.0 / ratio) / factor < 1.1
+        ]
+        yield (
+            f'note: the {name} is {ratio:.3g} times that of the file, {there:.4g} {unit}'
+            f'{"".join(units)}: check the units of the data, and the file'
+        )
+
+
 def _of_rig(found: StructureFit, mass: float) -> dict[str, Estimate]:
-    """Return stiffness and damping of a structure whose mass is known."""
+    """Return stiffness and damping of a structure, with its mass where that is fitted."""
     from impact_damper_ros.fit.estimate import Estimate
 
+    known = {} if found.mass is None else {'primary_mass': found.mass}
+    of_mass = 0.0
+    if found.mass is not None:
+        mass, of_mass = found.mass.value, found.mass.standard_deviation / found.mass.value
     omega, zeta = math.tau * found.frequency.value, found.damping_ratio.value
     of_omega = found.frequency.standard_deviation / found.frequency.value
     of_zeta = found.damping_ratio.standard_deviation / zeta
     both = of_omega**2 + of_zeta**2 + 2.0 * found.correlation * of_omega * of_zeta
     stiffness, damping = mass * omega**2, 2.0 * mass * zeta * omega
-    return {
-        'stiffness': Estimate.normal(stiffness, 2.0 * of_omega * stiffness, 'N/m'),
-        'damping': Estimate.normal(damping, math.sqrt(both) * damping, 'N s/m'),
+    parts = math.hypot(2.0 * of_omega, of_mass), math.sqrt(both + of_mass**2)
+    return known | {
+        'stiffness': Estimate.normal(stiffness, parts[0] * stiffness, 'N/m'),
+        'damping': Estimate.normal(damping, parts[1] * damping, 'N s/m'),
     }
 
 

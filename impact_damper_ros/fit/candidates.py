@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_damper_ros.motion.impact import bounce
+from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .first_course import GRID, PENALTY, SAMPLES, guess_of, thin_out
@@ -44,8 +45,13 @@ _OF_ANY = {
     1e3: 'the motion is 1000 times too small: check its unit',
     1e-3: 'the motion is 1000 times too large: check its unit',
 }
+_OF_BASE = {
+    9.80665: 'the motion of the base is 9.81 times too large: m/s^2 were taken for g',
+    1.0 / 9.80665: 'the motion of the base is 9.81 times too small: g were taken for m/s^2',
+}
 #: Factors of the motion by a wrong sign or level.
 _RMS = 2.0**0.5
+RELATIVE = 'the motion of M is relative to the base: add the motion of the base to it'
 REVERSED = 'the sensor or the force is the other way round: reverse the sign of one of them'
 _SIGNS = {
     -1.0: REVERSED,
@@ -70,6 +76,8 @@ _ONE_VIBRATION = 1.5
 #: Shares of costs: that another reading must save where a fit has failed, that another unit may
 #: leave where no fit was tried, and that another phase may have of the cost of another sign.
 _SAVED, _CLEARLY, _AS_GOOD = 0.15, 0.5, 0.95
+#: Factor of costs within which units are not distinguished.
+_ALMOST = 1.05
 #: A force is as its rms would be within this number of standard deviations.
 _ALIKE = 3.0
 #: Frequencies of a second mode that are tried, in the natural one, and their damping ratio.
@@ -400,6 +408,14 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
         'the gap changes over the record',
         *spread([unknowns.column('gap')], late[ends], late, gap),
     )
+    if any(unknowns.rig.base_amplitudes):
+        record, n = shooting.record, len(shooting.record.time)
+        residual = np.zeros(len(equations.residual))
+        weight = np.where(shooting.motion(u)[1], shooting.weight, 0.0)
+        residual[:n] = -base_of(unknowns.rig, record.time, record.order) * weight
+        yield ParameterColumn(
+            'share of the base in the motion', '', RELATIVE, residual, 0.0 * equations.condition
+        )
     if 'force_delay' not in unknowns.extras and any(unknowns.rig.force_amplitudes):
         delay = _STEP / shooting.rate
         yield ParameterColumn(
@@ -499,12 +515,17 @@ def misreading(record: Record, rig: RigParameters, deviation: float) -> str:
     if as_it_is < _DEAR * len(fewer.time):
         return ''
     units = _OF_ANY | (_OF_ACCELERATION if record.order == 2 else _OF_LENGTH)
+    if rig.base_quantity == 'acceleration' and any(rig.base_amplitudes) and record.order < 2:
+        units |= _OF_BASE
     costs = {
         sentence: _cost(fewer, _driven_rig(rig, factor), deviation, _FEW)
         for factor, sentence in units.items()
     }
     best = min(costs, key=costs.__getitem__)
-    return best if costs[best] < _CLEARLY * as_it_is else ''
+    if costs[best] >= _CLEARLY * as_it_is:
+        return ''
+    # Units that differ by little, such as 9.81 and 10
+    return '; or '.join(one for one in costs if costs[one] < _ALMOST * costs[best])
 
 
 def wrong_file(
@@ -560,6 +581,15 @@ def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
         else 'the record is one vibration without impacts, with a natural frequency '
         f'{lower} than that of the file: the damper is not in it, or does not move'
     )
+
+
+def base_of(rig: RigParameters, times: Array, order: int) -> Array:
+    """Return a time derivative of the motion of the base."""
+    lines = rig.base_amplitudes, rig.base_frequencies, rig.base_phases
+    amplitudes, frequencies, phases = (np.asarray(values, float) for values in lines)
+    turned = amplitudes * np.exp(1j * (frequencies * times[:, None] + phases))
+    rates = (1j * frequencies) ** (order - ORDERS[rig.base_quantity])
+    return np.asarray((turned @ rates).imag)
 
 
 def _driven_rig(rig: RigParameters, factor: float) -> RigParameters:

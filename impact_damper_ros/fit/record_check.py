@@ -16,6 +16,8 @@ from .partition import noise_of
 from .vibration import Array, Vibration
 
 _LEAST_SAMPLES, _LEAST_PER_PERIOD = 50, 8.0
+#: Samples in a natural period beyond which times are in no other unit.
+_MOST_PER_PERIOD = 2e3
 #: A gap in time longer than this part of a natural period ends a record.
 _LONGEST_GAP = 0.5
 #: The motion over the response to the force alone: beyond this factor a unit is wrong.
@@ -47,17 +49,23 @@ def faults_of(measured: MeasuredMotion, rig: RigParameters, also: Sequence[str] 
         return [f'time does not rise after {time[at]!r} s: sort the samples, and keep one of each']
     period = 2.0 * math.pi / rig.omega
     inside = np.diff(time[used])
+    density = period / float(np.median(inside))
+    if density < _LEAST_PER_PERIOD:
+        milli = _LEAST_PER_PERIOD < 1e3 * density < _MOST_PER_PERIOD
+        return [
+            f'{source} has {density:.3g} samples in a natural period of {period:.4g} s: '
+            + (
+                'are its times in ms? Name the unit in their column'
+                if milli
+                else f'sample at {_LEAST_PER_PERIOD / period:.4g} Hz at least'
+            )
+        ]
     if inside.max() > _LONGEST_GAP * period:
         at = int(inside.argmax())
         return [
             f'{source} has a gap of {inside[at]:.4g} s from {time[used][at]:.6g} s, and natural '
             f'periods last {period:.4g} s: impacts in it are unknown; fit the parts one by '
             'one, with --to and --from'
-        ]
-    if period / float(np.median(inside)) < _LEAST_PER_PERIOD:
-        return [
-            f'{source} has {period / np.median(inside):.3g} samples in a natural period: sample '
-            f'at {_LEAST_PER_PERIOD / period:.4g} Hz at least'
         ]
     if abs(motion.mean()) > _OFFSET * np.std(motion) > 0.0 and 'bias' not in also:
         return [

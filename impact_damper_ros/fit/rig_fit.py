@@ -13,7 +13,7 @@ Intervals are those of the linearised model with the noise of the residuals.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,15 @@ from impact_damper_ros.parameters.parameter_spec import check_kind
 from impact_damper_ros.parameters.rig_parameters import RigParameters, check_rig
 
 from .acceptance import LEAST_USED, MOST_CHI, judge_fit
-from .candidates import OTHER_PHASE, REVERSED, Candidate, misreading, wrong_file
+from .candidates import (
+    OTHER_PHASE,
+    RELATIVE,
+    REVERSED,
+    Candidate,
+    base_of,
+    misreading,
+    wrong_file,
+)
 from .estimate import Estimate
 from .excitation import ExcitationError, with_excitation
 from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
@@ -45,6 +53,8 @@ FURTHER = (
 )
 #: A clock that begins farther from 0, s, leaves too few digits for derivatives by the time.
 _FAR = 1e4
+#: A constant is far off beyond so many of its assumed deviations.
+_FAR_MOVED = 3.0
 #: A delay within so much of half a period, in periods, is another sign.
 _HALF = 0.01
 
@@ -308,7 +318,19 @@ def _fit(
     if found.accepted or 'force_delay' in extras or _explains_record(found):
         return found
     cause, other = wrong_file(level, start, noise)
-    if other:
+    if any(start.base_amplitudes) and not cause:
+        base = base_of(start, record.time, record.order)
+        absolute = measured._replace(motion=measured.motion + base)
+        if _fit(absolute, start, [*also, 'force_delay'], uncertain).accepted:
+            cause = RELATIVE
+    elif not cause and len(times):
+        without = _fit(
+            measured._replace(impact_times=None), start, [*also, 'force_delay'], uncertain
+        )
+        if without.accepted:
+            clock = _clock(times, without.impacts['time'])
+            cause = f'without the impact times the record is accepted: {clock}'
+    elif other:
         with_it = _fit(measured, other, [*also, 'force_delay'], uncertain)
         # A wrong mass passes for another level, too, but not within a fit.
         if not (with_it.accepted or (cause == OTHER_PHASE and _explains_record(with_it))):
@@ -353,6 +375,9 @@ def _result(measured: MeasuredMotion, fit: RecordFit) -> RigFit:
     shooting, u = found.shooting, found.solution.unknowns
     unknowns, shared = shooting.unknowns, shooting.parts(u)[0]
     parameters, correlations = estimates_of(unknowns, shared, known.covariance, known.names)
+    for name, moved in fit.moved.items():
+        if (one := parameters.get(name)) is not None:
+            parameters[name] = one._replace(start=one.value / (1.0 + moved))
     judgement = judge_fit(found, fit.chi, checks, parameters, correlations)
     motion, counts = shooting.motion(u)
     residuals = np.where(counts, measured.motion - motion, np.nan)
@@ -363,7 +388,12 @@ def _result(measured: MeasuredMotion, fit: RecordFit) -> RigFit:
     return RigFit(
         accepted=judgement.accepted,
         reasons=judgement.reasons,
-        remarks=[*fit.remarks, *judgement.remarks],
+        remarks=[
+            *fit.remarks,
+            *_moved_far(fit, parameters),
+            *_unmatched(shooting, u),
+            *judgement.remarks,
+        ],
         parameters=parameters,
         correlations=correlations,
         chi_squared=fit.chi**2,
@@ -377,6 +407,40 @@ def _result(measured: MeasuredMotion, fit: RecordFit) -> RigFit:
         residuals=residuals,
         rig=unknowns.rig_of(shared),
     )
+
+
+def _moved_far(fit: RecordFit, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    """Yield constants of the file that the record moves beyond what is assumed of them."""
+    for name, moved in fit.moved.items():
+        uncertainty = fit.unknowns.uncertain.get(name, CONSTANTS[name].uncertainty)
+        if name in parameters and abs(moved) > _FAR_MOVED * uncertainty > 0.0:
+            yield (
+                f'by the record {name} is {100.0 * moved:+.2g} % off the file, which is believed '
+                f'to {100.0 * uncertainty:g} %: check it, and the clock of the record'
+            )
+
+
+def _unmatched(shooting: Shooting, u: Array) -> Iterator[str]:
+    """Yield that most of the measured impact times belong to no impact."""
+    times, course = shooting.impact_times, shooting.course
+    lost = len(times) - int((course.measured >= 0).sum())
+    if 2 * lost <= len(times):
+        return
+    impacts = shooting.parts(u)[1][shooting.impacts, 0]
+    yield (
+        f'{lost} of {len(times)} impact times are those of no impact, and were not used: '
+        f'{_clock(times, impacts)}'
+    )
+
+
+def _clock(times: Array, impacts: Array) -> str:
+    """Return by how much measured times differ from those of the impacts, in words."""
+    late = times - impacts[np.abs(times[:, None] - impacts).argmin(1)]
+    middle, spread = np.median(late), 1.5 * np.median(np.abs(late - np.median(late)))
+    if abs(middle) < 2.0 * spread:
+        return 'check their clock'
+    way = 'late' if middle > 0.0 else 'early'
+    return f'they seem {abs(1e3 * middle):.2g} ms {way}, check their clock'
 
 
 def _whiteness(residuals: Array) -> float:

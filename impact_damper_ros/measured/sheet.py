@@ -260,8 +260,8 @@ def choose(
     if needed:
         raise ColumnError(
             key,
-            f'{sheet.source}: no column for the {key} among {sheet.titles()}: name it '
-            f'{quantity.names[0]} [{quantity.units[0]}]',
+            f'{sheet.source}: no column for the {key} among {sheet.titles()}: add it, with the '
+            f'heading {quantity.names[0]} [{quantity.units[0]}]',
         )
     return None
 

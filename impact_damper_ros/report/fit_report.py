@@ -95,7 +95,7 @@ def _common(found: RigFit) -> bool:
 
 def _counted_reasons(found: RigFit) -> list[str]:
     """Return why flights were not used, the commonest reason first."""
-    why = Counter(flight.why_not for flight in found.flights if not flight.used)
+    why = Counter(flight.why_not.split(':')[0] for flight in found.flights if not flight.used)
     return [f'{plural(count, "flight")} not used: {reason}' for reason, count in why.most_common()]
 
 
@@ -110,11 +110,19 @@ def _whiteness_words(found: RigFit) -> str:
     )
 
 
+def _span(data: MeasuredMotion) -> str:
+    """Return the time of a record, to a part of a sample."""
+    step = float(data.time[-1] - data.time[0]) / len(data.time)
+    digits = max(0, 2 - math.floor(math.log10(step))) if step > 0.0 else 9
+    begin, end = (round(float(data.time[k]), digits) + 0.0 for k in (0, -1))
+    return f'from {begin:.10g} to {end:.10g} s'
+
+
 def _size(found: RigFit, data: MeasuredMotion) -> str:
     used = sum(flight.used for flight in found.flights)
     return (
-        f'{plural(len(data.time), "sample")} of {data.quantity} from {data.time[0]:.10g} to '
-        f'{data.time[-1]:.10g} s, {plural(len(found.impacts), "impact")}, {used} of '
+        f'{plural(len(data.time), "sample")} of {data.quantity} {_span(data)}, '
+        f'{plural(len(found.impacts), "impact")}, {used} of '
         f'{plural(len(found.flights), "flight")} used.'
     )
 
@@ -274,7 +282,7 @@ def _facts(
     facts = [('Data', data.source), ('Command', command)]
     if start is not None:
         facts.append(('Masses', f'M {start.primary_mass:g} kg, m {start.damper_mass:g} kg'))
-    if data.impact_times is not None:
+    if data.impact_times is not None and len(data.impact_times):
         facts.append(
             (
                 'Impact times',
@@ -305,8 +313,8 @@ def structure_text(found: StructureFit) -> str:
     unit = UNITS[data.quantity]
     lines = [
         data.source,
-        f'{what[found.kind]}: {plural(int(data.used.sum()), "sample")} of {data.quantity} from '
-        f'{data.time[0]:.10g} to {data.time[-1]:.10g} s',
+        f'{what[found.kind]}: {plural(int(data.used.sum()), "sample")} of {data.quantity} '
+        f'{_span(data)}',
         '',
         estimate_table(structure_parameters(found)).text('  '),
         '',

@@ -61,6 +61,22 @@ def test_a_gap_in_time(bench):
     assert 'from 2 s' in reason
 
 
+def test_milliseconds_that_are_called_seconds(bench):
+    _, start, record = bench
+    reason = refused(record._replace(time=1e3 * record.time), start).reasons[0]
+    assert 'are its times in ms?' in reason
+
+
+def test_a_motion_relative_to_the_base():
+    rng = np.random.default_rng(108)
+    rig = random_rig(rng).replace(force_amplitudes=(0.0,))
+    rig = rig.replace(base_amplitudes=(0.6,), base_frequencies=rig.force_frequencies)
+    record = measure(rig, rng, impacts=40).record
+    base = 0.6 / -(rig.force_frequencies[0] ** 2) * np.sin(rig.force_frequencies[0] * record.time)
+    fit = refused(record._replace(motion=record.motion - base), guess_of(rig, rng))
+    assert any('relative to the base' in reason for reason in fit.reasons)
+
+
 def test_times_that_do_not_rise(bench):
     _, start, record = bench
     time = record.time.copy()

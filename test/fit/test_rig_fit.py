@@ -93,6 +93,17 @@ def test_a_flight_that_begins_at_an_impact_nobody_measured_does_not_count():
     assert np.abs(off).max() < 3.5, off
 
 
+def test_impact_times_of_another_clock_are_pointed_out():
+    rng = np.random.default_rng(105)
+    rig = random_rig(rng)
+    record = measure(rig, rng, impacts=60).record
+    late = record._replace(impact_times=record.impact_times + 0.02)
+    fit = fit_rig(late, guess_of(rig, rng))
+    assert any('impact times' in text and '20 ms late' in text for text in fit.remarks) or (
+        not fit.accepted
+    )
+
+
 @pytest.mark.parametrize('seed', [9109, 9125])
 def test_restitution_that_falls_with_the_speed(seed):
     """It is fitted without being asked for, and all intervals hold."""

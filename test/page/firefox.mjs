@@ -37,11 +37,12 @@ for (const address of addresses) {
   await page.goto(address);
   // Keys go to the page, not to what had the focus in the process of the page before.
   await page.bringToFront();
+  // Firefox clicks on nothing that it has not drawn yet.
+  await until('impactDamper.store.frames > 3 && impactDamper.history.impacts.length > 2 && document.querySelector("#knob-gap")');
   // Not `page.click`, which may look in the document before.
   const { x, y } = JSON.parse(await page.evaluate('JSON.stringify(document.querySelector("h1").getBoundingClientRect())'));
   await page.mouse.click(x + 4, y + 4);
   await until('document.hasFocus()');
-  await until('impactDamper.store.frames > 3 && impactDamper.history.impacts.length > 2 && document.querySelector("#knob-gap")');
   await page.keyboard.press(' ');
   await paused(true);
   await page.keyboard.press(' ');
