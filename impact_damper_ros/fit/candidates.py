@@ -453,7 +453,7 @@ def _cubic_spring(shooting: Shooting, solution: FitSolution) -> tuple[Array, Arr
     start = np.clip(np.searchsorted(nodes, samples, side='right') - 1, 0, len(nodes) - 2)
     ends = shooting.ends
 
-    def moved(times: Array, start: NDArray[np.int64], derivative: int) -> Array:
+    def motion_at(times: Array, start: NDArray[np.int64], derivative: int) -> Array:
         found = (root**derivative * answer(times, start)).imag
         if derivative == 2:
             found += factor * shooting.place(u, times, start) ** 3
@@ -461,7 +461,7 @@ def _cubic_spring(shooting: Shooting, solution: FitSolution) -> tuple[Array, Arr
 
     varied = copy.copy(shooting)
     varied.further = Further(
-        moved(samples, start, order), *(moved(nodes[ends], ends - 1, k) for k in range(3))
+        motion_at(samples, start, order), *(motion_at(nodes[ends], ends - 1, k) for k in range(3))
     )
     residual, condition = varied.residual(u)
     equations = solution.equations

@@ -174,13 +174,13 @@ class RecordFit:
             )
             self.found = self._revise(shooting.course_of(solution.unknowns))
             self._fit_constants()
-            if self._saved(before[0]) > _SHOWN:
+            if self._gain_over(before[0]) > _SHOWN:
                 return
         except (UnfitRecordError, *NO_SUCH_RIG):
             pass
         self.found, self.known, self.unknowns, self.moved = before
 
-    def _saved(self, before: Revised) -> float:
+    def _gain_over(self, before: Revised) -> float:
         """Return the fall of chi squared from another fit, for the samples that both explain."""
         n, saved = len(self._record.time), np.zeros(len(self._record.time))
         for fit, sign in ((before, 1.0), (self.found, -1.0)):

@@ -390,8 +390,8 @@ def _result(measured: MeasuredMotion, fit: RecordFit) -> RigFit:
         reasons=judgement.reasons,
         remarks=[
             *fit.remarks,
-            *_moved_far(fit, parameters),
-            *_unmatched(shooting, u),
+            *_far_constants(fit, parameters),
+            *_lost_times(shooting, u),
             *judgement.remarks,
         ],
         parameters=parameters,
@@ -409,7 +409,7 @@ def _result(measured: MeasuredMotion, fit: RecordFit) -> RigFit:
     )
 
 
-def _moved_far(fit: RecordFit, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+def _far_constants(fit: RecordFit, parameters: Mapping[str, Estimate]) -> Iterator[str]:
     """Yield constants of the file that the record moves beyond what is assumed of them."""
     for name, moved in fit.moved.items():
         uncertainty = fit.unknowns.uncertain.get(name, CONSTANTS[name].uncertainty)
@@ -420,7 +420,7 @@ def _moved_far(fit: RecordFit, parameters: Mapping[str, Estimate]) -> Iterator[s
             )
 
 
-def _unmatched(shooting: Shooting, u: Array) -> Iterator[str]:
+def _lost_times(shooting: Shooting, u: Array) -> Iterator[str]:
     """Yield that most of the measured impact times belong to no impact."""
     times, course = shooting.impact_times, shooting.course
     lost = len(times) - int((course.measured >= 0).sum())
