@@ -162,7 +162,7 @@ class RecordFit:
         """
         Take the fit in which m sticks between two reversals, if the record shows that.
 
-        Less friction and less restitution make much the same motion.
+        Less friction and less restitution make nearly the same motion.
         """
         course = self.found.course.with_sticks()
         if course.structure == self.found.course.structure:
