@@ -267,9 +267,12 @@ def _as_good(
 ) -> tuple[float, float]:
     """Run the gaps on both sides of the best one as far as they are as good; return the last."""
     most, ends = (1.0 + _WORTH) * float(runs[best].ratios.max()), [best, best]
+    some, _ = unsure.grid(_COARSE)
     for k, side in enumerate((gaps[gaps < best][::-1], gaps[gaps > best])):
         for gap in side.tolist():
             if gap not in runs:
+                if float(unsure.short_ratios(np.array([gap]), some)[0].max()) > most:
+                    break
                 runs[gap] = unsure.whole(gap)
             if float(runs[gap].ratios.max()) > most:
                 break
