@@ -289,8 +289,7 @@ class ParameterSpec(NamedTuple):
         if not self.low <= number <= self.high or (whole and number != int(number)):
             percent = not unit and self.low <= 0.01 * number <= self.high
             hint = f', or {number:g} %' if percent and not whole else ''
-            shown = int(number) if whole and number.is_integer() else number
-            raise self._error(f'{where} is {shown!r}{unit}: {self._remedy}{hint}')
+            raise self._error(f'{where} is {number!r}{unit}: {self._remedy}{hint}')
         if 0.0 < number < self.least:
             raise self._error(
                 f'{where} is {value!r}{unit}: give 0 ({self.zero}) or a number from '
