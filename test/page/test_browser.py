@@ -635,10 +635,15 @@ def test_everything_is_in_sight_large_enough_and_accessible(opened):
     page.run("document.querySelector('#more-knobs').open = false")
     page.run(KEYBOARD)
     reached = []
-    while (at := page.run('tabbed()')) not in reached:
-        reached += [at] if at else []
+    wanted = set(page.run('controls.map(named)'))
+    # Twice round: what the rig brings to the page may take the focus back to its beginning
+    for _ in range(2 * len(wanted) + 10):
+        if (at := page.run('tabbed()')) and at not in reached:
+            reached.append(at)
+        if wanted <= {name for name, _ in reached}:
+            break
         page.key('Tab')
-    assert set(page.run('controls.map(named)')) == {name for name, _ in reached}
+    assert wanted == {name for name, _ in reached}
     assert [name for name, seen in reached if not seen] == []
     if not axe:
         pytest.skip('axe-core is not installed (npm install)')
