@@ -44,7 +44,7 @@ def options(doc: str) -> argparse.Namespace:
 
 
 def say(text: str) -> None:
-    """Print what is being done to the standard error, at once."""
+    """Print what is being computed on the standard error, and flush it."""
     print(text, file=sys.stderr, flush=True)
 
 

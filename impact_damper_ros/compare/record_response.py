@@ -34,7 +34,7 @@ class RecordResponse(NamedTuple):
     name : str
         Which of them it is, 'X' or 'X - b'.
     offset : ndarray, shape (2, m)
-        The same instants and those of all events, s, and Y at them, m.
+        Instants of the samples and of all events, s, and Y there, m.
     stops : ndarray, shape (n, 2)
         Y of both stops, m.
     base : tuple of float

@@ -30,7 +30,7 @@ CONTRADICTION, _MOST_RELEASES = 100.0, 6
 
 
 def contradiction_of(gain: float) -> str:
-    """Return why a flight is left out with which chi squared is larger by a gain."""
+    """Return why a flight is left out that raises chi squared by a gain."""
     return f'it contradicts the other flights: chi squared is {gain:.0f} smaller without it'
 
 

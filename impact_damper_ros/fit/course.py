@@ -44,7 +44,7 @@ class Course:
         How m slides after each of them: +1 away from the stop hit last, -1 towards it, 0 if it
         sticks. Without them all are reversals.
     held : list of ndarray of bool
-        Turns that keep their instant, since m hardly turns in them.
+        Turns whose instants are fixed, since the data hardly determine them.
     lawless : ndarray of bool, shape (n - 1,)
         Flights in which only M obeys its laws; none by default.
     """

@@ -421,7 +421,7 @@ def _far_constants(fit: RecordFit, parameters: Mapping[str, Estimate]) -> Iterat
 
 
 def _lost_times(shooting: Shooting, u: Array) -> Iterator[str]:
-    """Yield that most of the measured impact times belong to no impact."""
+    """Yield a remark if most of the measured impact times belong to no impact."""
     times, course = shooting.impact_times, shooting.course
     lost = len(times) - int((course.measured >= 0).sum())
     if 2 * lost <= len(times):

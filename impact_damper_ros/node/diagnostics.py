@@ -152,7 +152,7 @@ class Diagnostics:
         return self._status('network', WARN if network.text else OK, message, network.values)
 
     def _rates(self, engine: EngineStatus) -> str:
-        """Return the rates that can be lowered: those above that of the states come first."""
+        """Return the rates that can be lowered, those above the state rate first."""
         others = {'measurement_rate': self._measurement_rate}
         if engine.control.active:
             others['gap_control_rate'] = engine.control.gap_control_rate

@@ -368,7 +368,7 @@ class _Tables:
         return Rows(*found)
 
     def acts_at(self, stamp_ns: int) -> Messages:
-        """Return the acts with a stamp, and leave them here."""
+        """Return the acts with a stamp, without taking them."""
         rows = self._rows['gap_control']
         found: Messages = rows[rows['stamp_ns'] == stamp_ns]
         return found
