@@ -353,8 +353,7 @@ def _beside_file(found: StructureFit, start: RigParameters | None) -> Iterator[s
     """Yield a note on each result that is far from that of the file."""
     if start is None:
         return
-    of_file = ('natural frequency', found.frequency, start.omega / math.tau, 'Hz')
-    pairs = [of_file]
+    pairs = [('natural frequency', found.frequency, start.omega / math.tau, 'Hz')]
     if found.mass is not None:
         pairs.append(('modal mass', found.mass, start.primary_mass, 'kg'))
     for name, one, there, unit in pairs:
@@ -376,9 +375,9 @@ def _of_rig(found: StructureFit, mass: float) -> dict[str, Estimate]:
     """Return stiffness and damping of a structure, with its mass where that is fitted."""
     from impact_damper_ros.fit.estimate import Estimate
 
-    known = {} if found.mass is None else {'primary_mass': found.mass}
-    of_mass = 0.0
+    known, of_mass = {}, 0.0
     if found.mass is not None:
+        known['primary_mass'] = found.mass
         mass, of_mass = found.mass.value, found.mass.standard_deviation / found.mass.value
     omega, zeta = math.tau * found.frequency.value, found.damping_ratio.value
     of_omega = found.frequency.standard_deviation / found.frequency.value

@@ -253,7 +253,7 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
         if least > (1.0 - _WORTH) * before:
             break
     best = min(runs, key=lambda gap: float(runs[gap].ratios.max()))
-    as_good = (best, best) if best == design.gap else _as_good(unsure, gaps, best, runs)
+    as_good = (best, best) if best == design.gap else _as_good(unsure, gaps, best, runs, cases)
     whole = {gap: float(one.ratios.max()) for gap, one in runs.items()}
     best = min(whole, key=lambda gap: whole[gap])
     chosen = unsure.worst(design.gap, runs[design.gap])
@@ -263,11 +263,14 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
 
 
 def _as_good(
-    unsure: _Uncertain, gaps: Array, best: float, runs: dict[float, _Runs]
+    unsure: _Uncertain,
+    gaps: Array,
+    best: float,
+    runs: dict[float, _Runs],
+    some: dict[str, Array],
 ) -> tuple[float, float]:
     """Run the gaps on both sides of the best one as far as they are as good; return the last."""
     most, ends = (1.0 + _WORTH) * float(runs[best].ratios.max()), [best, best]
-    some, _ = unsure.grid(_COARSE)
     for k, side in enumerate((gaps[gaps < best][::-1], gaps[gaps > best])):
         for gap in side.tolist():
             if gap not in runs:

@@ -352,11 +352,10 @@ def run_grid(
     overwrite: bool,
     progress: Callable[[int], object],
 ) -> Columns:
-    """Return the table of `sweep`, without loading pandas unless its file needs it."""
+    """Return the table of `sweep`, without pandas unless its file needs it: see `check_format`."""
     path = None if output is None else Path(output)
     cores = len(os.sched_getaffinity(0))
     jobs = cores if jobs is None else whole_number('jobs', jobs, 1, MOST_JOBS)
-    check_format(path)
     if path is not None and not path.parent.is_dir():
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path.parent))
     place = None if path is None else part_path(path)

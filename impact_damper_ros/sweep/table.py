@@ -378,17 +378,14 @@ def read_columns(path: Path) -> Columns:
     try:
         if _is_csv(path):
             return _read_csv(path)
-        check_format(path)
         import pandas as pd
 
-        table = pd.read_parquet(path)
-        Grid.from_inputs(table.attrs['inputs'])
+        return Columns.of(pd.read_parquet(path))
     except FormatError as error:
         remedy = 'use the version of impact_damper_ros that made it, or a later one'
         raise MetadataError(f'{path} is a sweep {error}; {remedy}') from None
     except (LookupError, TypeError, ValueError, csv.Error) as error:
         raise MetadataError(f'{path} is not the table of a sweep, or not complete') from error
-    return Columns.of(table)
 
 
 def _read_csv(path: Path) -> Columns:
