@@ -247,7 +247,7 @@ class StretchBuilder:
         _forget(self._parts, _MOST_ROWS)
         self._row = rows[-1:].copy()
         self._row['kind'] = STATE
-        self._row['mode'] = max(rows['mode'][-1], STICK * flights.together[-1])
+        self._row['mode'] = STICK * flights.together[-1]
         self._row['stop'] = flights.stop[-1]
         if steps is not None:
             self._drive = flights.drive_after()

@@ -60,9 +60,8 @@ def _judged_period(kind: StretchKind, motion: PeriodicMotion) -> _Judgement:
     name = _motion_name(orbit)
     rate = ''
     if not math.isnan(decay.measured):
-        how = 'shrink' if decay.measured < 1.0 else 'grow'
         rate = (
-            f'; deviations {how} by {decay.measured:.5g} in a period, predicted '
+            f'; a period multiplies deviations by {decay.measured:.5g}, predicted '
             f'{decay.predicted:.5g}'
         )
         if abs(decay.measured - decay.predicted) > SAME_DECAY * decay.predicted:

@@ -13,10 +13,16 @@ DISPLACED = InitialConditions(initial_primary_position=1.0)
 
 
 def simulated(parameters, cycles, initial=DISPLACED, per_cycle=40, after=0.0):
-    """Return the state at the start, samples and events of a run, and the state at its end."""
-    rig = Rig(parameters, initial)
+    """
+    Return the state at the start, samples and events of a run, and the state at its end.
+
+    Before it the rig runs for some seconds under a slower force.
+    """
+    slower = tuple(0.9 * rate for rate in parameters.force_frequencies)
+    rig = Rig(parameters.replace(force_frequencies=slower) if after else parameters, initial)
     if after:
         rig.advance(after)
+        rig.change(parameters)
     rate = next(filter(None, (*parameters.force_frequencies, parameters.omega)))
     cycle = math.tau / rate
     steps = np.arange(round(cycles * per_cycle) + 1) * cycle / per_cycle

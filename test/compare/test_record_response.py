@@ -55,8 +55,9 @@ def test_periods_in_which_the_start_decays_are_left_out(duration, periods, left_
         assert found.absolute == pytest.approx(found.absolute_without, rel=2e-3)
         assert found.relative == pytest.approx(found.relative_without, rel=2e-3)
         assert found.primary == pytest.approx(found.base * found.absolute**2)
-        rms = math.sqrt(np.sum(found.absolute**2 / found.frequencies**4))
-        assert found.total[0] == pytest.approx(rms / math.sqrt(np.sum(found.frequencies**-4.0)))
+        squares = np.array([np.ones(6), found.absolute**2, found.relative**2])
+        base, *moved = np.sqrt((squares / found.frequencies**4).sum(axis=1))
+        assert found.total == pytest.approx(np.divide(moved, base))
     # A mean over three lines, by what the base has of each
     loud = found._replace(base=np.arange(1.0, 7.0))
     middle = math.sqrt((1 * 3.0**2 + 2 * 1.0 + 3 * 2.0**2) / 6.0)

@@ -42,6 +42,8 @@ def test_a_difference_is_that_of_its_stretch(tmp_path):
     rig = RecordedRig(BENCH).start().run(300).run(300, ('change', {'gap': 0.02})).run(300)
     number = max(i for i, (topic, *_) in enumerate(rig.messages) if topic == '/joint_states')
     rig.messages[number] = altered_message(rig.messages[number], ('position', 0), 1e-3)
-    found = compare_bag(rig.save(tmp_path / 'bag'))
+    shares = []
+    found = compare_bag(rig.save(tmp_path / 'bag'), progress=shares.append)
+    assert shares == pytest.approx([1.505 / 4.5, 1.0])
     assert [len(stretch.differences) for stretch in found.stretches] == [0, 1]
     assert [stretch.log.value for stretch in found.stretches] == ['reproduced', 'differs']

@@ -22,8 +22,8 @@ TIMED = GapControlParameters(
 LOUDER = {'force_amplitudes': (1.8,)}
 
 
-def scored(bag, gap=None):
-    return score_run(RecordedRun(bag, purpose='score'), gap=gap)
+def scored(bag, gap=None, **options):
+    return score_run(RecordedRun(bag, purpose='score'), gap=gap, **options)
 
 
 def recorded(tmp_path, parameters, *, seconds=12, control=None, initial=None, name='bag'):
@@ -133,9 +133,13 @@ def test_the_work_of_a_controllers_force(tmp_path):
 def test_stretches_that_a_fixed_gap_does_not_have(tmp_path):
     """Where the gap was changed, the reference has no change; its parts are those of the run."""
     rig = RecordedRig(BENCH, offset=0).start().run(600).run(400, ('change', {'gap': 0.05}))
-    score = scored(rig.run(400, ('change', LOUDER)).save(tmp_path / 'bag'))
+    shares = []
+    bag = rig.run(400, ('change', LOUDER)).save(tmp_path / 'bag')
+    score = scored(bag, progress=shares.append)
     lengths = [score.stretches[i].end - score.stretches[i].start for i in range(3)]
     assert lengths == pytest.approx([3.005, 2.0, 1.995])
+    # The replay is half the work, the run with a fixed gap another quarter.
+    assert shares == pytest.approx([0.5 * 3.005 / 7.0, 0.5 * 5.005 / 7.0, 0.5, 0.75])
     for name in ('run', 'fixed_gap', 'alone'):
         parts = [getattr(stretch, name) for stretch in score.stretches]
         assert [part.duration for part in parts] == pytest.approx(lengths)

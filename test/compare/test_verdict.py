@@ -4,14 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from compare.recorded import DISPLACED, built, compared, simulated
+from compare.recorded import DISPLACED, built, compared, replayed, simulated
 from rigs import BENCH, FRICTION, HORIZONTAL, OFF_RESONANCE, VERTICAL
 
 from impact_damper_ros import InitialConditions, RigParameters, find_orbits
 from impact_damper_ros.compare import Verdict
+from impact_damper_ros.compare.measures import motion_curve
 from impact_damper_ros.compare.stretches import LoggedRig
 from impact_damper_ros.compare.verdict import compare_stretch
-from impact_damper_ros.orbits.recurrence import MotionKind
+from impact_damper_ros.orbits.recurrence import LONGEST_PERIOD, MotionKind
 
 SYMMETRIC = OFF_RESONANCE.replace(damping=0.05, damper_mass=0.3)
 
@@ -67,6 +68,7 @@ def test_golden_motions(rig, golden, ratio):
     assert orbit.stable
     decay = found.decay
     assert math.log(decay.measured) == pytest.approx(math.log(decay.predicted), rel=5e-3)
+    assert f'a period multiplies deviations by {decay.measured:.5g}' in found.sentence
     assert decay.distance < 2e-8
     energy = found.energy
     assert energy.periods == 50
@@ -126,8 +128,8 @@ def test_other_periodic_motions(rig, cycles, period, stops):
 def test_a_run_that_begins_late_and_within_a_cycle():
     """Phases count from where omega t is zero, and the predicted motion is drawn where it is."""
     rig = FRICTION.replace(force_phases=(1.3,))
-    start, samples, events, end = simulated(rig, 340, after=61.7)
-    found = compare_stretch(built(LoggedRig(rig, start), samples, events, end, start=61.7))
+    start, samples, events, end = simulated(rig, 340, after=51.7)
+    found = compare_stretch(built(LoggedRig(rig, start), samples, events, end, start=51.7))
     assert found.verdict is Verdict.AGREES, found.sentence
     assert found.solver == 'boundary-value problem of its events'
     expected = [phase - 1.3 / math.tau for phase in (0.757995, 0.2697923)]
@@ -254,9 +256,11 @@ def test_without_impacts():
     assert found.measured.x_max == pytest.approx(wide.response_amplitude, rel=1e-6)
     stuck = wide.replace(friction=4.5, gravity=1.0)
     # At the end of two of these m sticks for a while
-    for cycles in (60, 60.3, 60.8):
+    for cycles, quiet in ((60, 30), (60.3, 30), (60.8, 30), (30, 20), (10, 10)):
         found = compared(stuck, cycles, None)
-        assert (found.kind, found.verdict) == (MotionKind.NO_IMPACTS, Verdict.NO_PREDICTION)
+        verdict = Verdict.NO_PREDICTION if cycles > 20 else Verdict.TOO_SHORT
+        assert (found.kind, found.verdict) == (MotionKind.NO_IMPACTS, verdict)
+        assert found.evidence == f'm has hit no stop for {quiet} cycles'
     blown = wide.replace(one_sided=True, air_force=0.05)
     away = InitialConditions(initial_damper_offset=500.0, initial_damper_velocity=1.0)
     found = compared(blown, 60, away)
@@ -268,7 +272,17 @@ def test_without_impacts():
     mass = stuck.primary_mass + stuck.damper_mass
     amplitude = 1.0 / math.hypot(stuck.stiffness - mass, stuck.damping)
     assert held.measured.x_max == pytest.approx(amplitude, rel=1e-5)
-    assert compared(wide, 3).verdict is Verdict.NOT_SETTLED
+    # While it settles, |X| is largest in the last fifth
+    short = replayed(wide, 3.25)
+    found = compare_stretch(short)
+    assert found.verdict is Verdict.NOT_SETTLED
+    largest = float(found.sentence.partition('largest |X| ')[2].split()[0])
+    assert largest == pytest.approx(np.abs(short.samples['x'][-26:]).max(), rel=5e-3)
+    # The stop is 500 m away, less the 5 m of X.
+    for speed, words in ((1.0, 'hits stop 1 after about 18.9 more'), (1e-3, 'drifts towards')):
+        found = compared(wide, 60, InitialConditions(initial_damper_velocity=speed))
+        assert found.verdict is Verdict.NOT_SETTLED
+        assert f'; m does not keep its place, and {words}' in found.sentence
 
 
 def test_at_rest_and_too_short():
@@ -294,6 +308,9 @@ def test_a_force_without_a_period():
     assert 'no common period' in found.sentence
     assert found.measured.impacts > 100
     assert abs(found.energy.residual) < found.energy.tolerance
+    for cycles in (LONGEST_PERIOD, LONGEST_PERIOD + 1):
+        found = compared(rig.replace(force_frequencies=(1.0, 1.0 + 1.0 / cycles)), 10)
+        assert ('no common period' in found.sentence) is (cycles > LONGEST_PERIOD)
 
 
 @pytest.mark.parametrize('frequencies', [(0.0,), (0.0, 1.0)])
@@ -314,7 +331,8 @@ def test_a_constant_force_has_no_cycles(frequencies):
 
 
 def test_curves_are_bounded_and_whole():
-    found = compared(FRICTION, 400)
+    stretch = replayed(FRICTION, 400)
+    found = compare_stretch(stretch)
     curves = found.curves
     assert 100 < curves.envelope.shape[1] <= 2000
     assert curves.envelope[2].max() == pytest.approx(13.15, rel=0.01)
@@ -325,6 +343,7 @@ def test_curves_are_bounded_and_whole():
     assert np.abs(motion.y).max() == pytest.approx(18.5, abs=1e-10)
     assert len(curves.impacts) == len(curves.phases) == found.impacts
     assert curves.convergence.distance[-1] < 1e-9
+    assert 12_000 <= len(motion_curve(stretch, 0.0, 1.0).time) < 15_000
     spectrum = curves.spectrum
     line = spectrum.amplitude[np.abs(spectrum.frequency - 1.02 / math.tau).argmin()]
     assert line == pytest.approx(spectrum.amplitude.max())
