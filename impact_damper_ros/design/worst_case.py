@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import product
+from functools import cache, cached_property
+from itertools import product, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -101,8 +101,7 @@ class WorstCases:
     def ratios(self) -> Array:
         """Largest |X| over that without the damper, by gap, in some of the cases."""
         unsure = _Uncertain(self.rig, self.ranges, self.levels)
-        cases = unsure.grid(_COARSE)[0]
-        return np.array([unsure.ratios(float(gap), cases) for gap in self.gaps])
+        return unsure.ratios(self.gaps, unsure.grid(_COARSE)[0])
 
 
 class _Runs(NamedTuple):
@@ -111,6 +110,10 @@ class _Runs(NamedTuple):
     cases: dict[str, Array]
     places: Array
     ratios: Array
+
+    @property
+    def worst(self) -> float:
+        return float(self.ratios.max())
 
 
 class _Uncertain:
@@ -162,33 +165,36 @@ class _Uncertain:
         shape = len(gaps), count
         return self._ratios_of(sizes.reshape(shape), cases), repeats.reshape(shape)
 
-    def ratios(self, gap: float, cases: dict[str, Array], least: float = 0.0) -> Array:
+    def ratios(self, gaps: Array, cases: dict[str, Array], least: float = 0.0) -> Array:
         """
-        Return the ratios of a gap.
+        Return the ratios for each gap and case.
 
-        Irregular motions are run longer if they may become larger than all others, and than
-        `least`.
+        Irregular motions are run longer if they may become larger than all others of their gap,
+        and than `least`.
         """
-        short, repeat = self.short_ratios(np.array([gap]), cases)
-        ratios: Array = short[0]
-        repeats = repeat[0]
-        irregular = np.flatnonzero(~repeats)
-        left, growth = irregular[np.argsort(-ratios[irregular], kind='stable')], _GROWTH
-        for _ in range(_BATCHES):
-            some, left = left[:_AT_A_TIME], left[_AT_A_TIME:]
-            if not len(some) or growth * ratios[some[0]] <= max(least, float(ratios.max())):
+        ratios, repeats = self.short_ratios(gaps, cases)
+        order = np.argsort(np.where(repeats, np.inf, -ratios), axis=1, kind='stable')
+        growth = np.full(len(gaps), _GROWTH)
+        for first in range(0, min(_BATCHES * _AT_A_TIME, order.shape[1]), _AT_A_TIME):
+            some = order[:, first : first + _AT_A_TIME]
+            short = np.take_along_axis(ratios, some, axis=1)
+            worth = growth * short[:, 0] > np.maximum(least, ratios.max(axis=1))
+            which = np.nonzero(worth[:, None] & ~np.take_along_axis(repeats, some, axis=1))
+            if not len(which[0]):
                 break
-            values = {name: column[some] for name, column in cases.items()}
-            sizes = largest_in_long(self.rig, {**values, 'gap': np.full(len(some), gap)})
+            rows, columns = which[0], some[which]
+            values = {name: column[columns] for name, column in cases.items()}
+            sizes = largest_in_long(self.rig, {**values, 'gap': gaps[rows]})
             longer = self._ratios_of(sizes, values)
-            growth = max(1.0, float((longer / ratios[some]).max()))
-            ratios[some] = np.maximum(ratios[some], longer)
+            growth = np.ones(len(gaps))
+            np.maximum.at(growth, rows, longer / short[which])
+            ratios[rows, columns] = np.maximum(ratios[rows, columns], longer)
         return ratios
 
     def whole(self, gap: float) -> _Runs:
         """Return the runs of a whole grid with a gap."""
         cases, places = self.grid(_WHOLE)
-        return _Runs(cases, places, self.ratios(gap, cases))
+        return _Runs(cases, places, self.ratios(np.array([gap]), cases)[0])
 
     def worst(self, gap: float, runs: _Runs) -> WorstCase:
         """Return the worst case of a gap, after runs of cases next to the worst so far."""
@@ -202,7 +208,7 @@ class _Uncertain:
                 values = {name: float(runs.cases[name][k]) for name in self.others}
                 cases.append(self.cases(parts[-1], **values))
             more = {name: np.concatenate([one[name] for one in cases]) for name in runs.cases}
-            ratios = self.ratios(gap, more, float(runs.ratios.max()))
+            ratios = self.ratios(np.array([gap]), more, runs.worst)[0]
             runs = _Runs(
                 {name: np.append(column, more[name]) for name, column in runs.cases.items()},
                 np.concatenate([runs.places, *parts]),
@@ -239,7 +245,7 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
     ends_only = {name: column[at_ends] for name, column in cases.items()}
     bounds, rough = unsure.short_ratios(gaps, ends_only)[0].max(axis=1), np.ones(len(gaps), bool)
     runs = {design.gap: unsure.whole(design.gap)}
-    least = float(runs[design.gap].ratios.max())
+    least = runs[design.gap].worst
     while float(bounds.min()) <= (1.0 - _WORTH) * least:
         first = int(np.argmin(bounds))
         if rough[first]:
@@ -249,12 +255,11 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
             continue
         bounds[first], gap = np.inf, float(gaps[first])
         runs[gap] = unsure.whole(gap)
-        before, least = least, min(least, float(runs[gap].ratios.max()))
+        before, least = least, min(least, runs[gap].worst)
         if least > (1.0 - _WORTH) * before:
             break
-    best = min(runs, key=lambda gap: float(runs[gap].ratios.max()))
-    as_good = (best, best) if best == design.gap else _as_good(unsure, gaps, best, runs, cases)
-    whole = {gap: float(one.ratios.max()) for gap, one in runs.items()}
+    as_good = _as_good(unsure, gaps, runs) if least < runs[design.gap].worst else (design.gap,) * 2
+    whole = {gap: one.worst for gap, one in runs.items()}
     best = min(whole, key=lambda gap: whole[gap])
     chosen = unsure.worst(design.gap, runs[design.gap])
     robust = chosen if best == design.gap else unsure.worst(best, runs[best])
@@ -262,22 +267,34 @@ def worst_cases(design: Design, ranges: Ranges, levels: Sequence[float]) -> Wors
     return WorstCases(*found, gaps, design.rig, dict(ranges), ends)
 
 
-def _as_good(
-    unsure: _Uncertain,
-    gaps: Array,
-    best: float,
-    runs: dict[float, _Runs],
-    some: dict[str, Array],
-) -> tuple[float, float]:
-    """Run the gaps on both sides of the best one as far as they are as good; return the last."""
-    most, ends = (1.0 + _WORTH) * float(runs[best].ratios.max()), [best, best]
-    for k, side in enumerate((gaps[gaps < best][::-1], gaps[gaps > best])):
-        for gap in side.tolist():
-            if gap not in runs:
-                if float(unsure.short_ratios(np.array([gap]), some)[0].max()) > most:
-                    break
-                runs[gap] = unsure.whole(gap)
-            if float(runs[gap].ratios.max()) > most:
-                break
-            ends[k] = gap
-    return ends[0], ends[1]
+def _as_good(unsure: _Uncertain, gaps: Array, runs: dict[float, _Runs]) -> tuple[float, float]:
+    """
+    Return the lowest and the highest gap as good as the best one; all cases of these are run.
+
+    At another level the motions are those at another gap, to scale. Gaps beside each other differ
+    in the cases at the ends of the level, and a gap between two others is no worse than both.
+    """
+    cases, places = unsure.grid(_WHOLE)
+    at_ends = (places[:, 0] == 0.0) | (places[:, 0] == 1.0)
+    ends_only = {name: column[at_ends] for name, column in cases.items()}
+
+    @cache
+    def worst_at_ends(gap: float) -> float:
+        return float(unsure.short_ratios(np.array([gap]), ends_only)[0].max())
+
+    def worst(gap: float) -> float:
+        if gap not in runs:
+            runs[gap] = unsure.whole(gap)
+        return runs[gap].worst
+
+    def last(side: Sequence[float], most: float) -> float:
+        near = [*takewhile(lambda gap: worst_at_ends(gap) <= most, side)]
+        return next(gap for gap in near[::-1] if worst(gap) <= most)
+
+    while True:
+        best = min(runs, key=worst)
+        most = (1.0 + _WORTH) * worst(best)
+        below, above = gaps[gaps <= best][::-1].tolist(), gaps[gaps >= best].tolist()
+        ends = last(below, most), last(above, most)
+        if best == min(runs, key=worst):
+            return ends

@@ -401,8 +401,10 @@ def _draw_cases(
     axes: Any, unsure: WorstCases, case: Mapping[str, Any], worst: Mapping[str, Any]
 ) -> None:
     """Draw all runs over the gap, with the worst of each gap."""
-    envelope = dict(zip(unsure.gaps.tolist(), unsure.ratios.max(axis=1).tolist(), strict=True))
-    envelope |= unsure.whole
+    low, high = unsure.as_good
+    worst_of_some = zip(unsure.gaps.tolist(), unsure.ratios.max(axis=1).tolist(), strict=True)
+    # Between the gaps as good none is worse than these
+    envelope = {gap: ratio for gap, ratio in worst_of_some if not low < gap < high} | unsure.whole
     clouds = [(np.repeat(unsure.gaps, unsure.ratios.shape[1]), unsure.ratios.ravel())]
     for one in {one.gap: one for one in (unsure.chosen, unsure.best)}.values():
         clouds.append((np.full(len(one.ratios), one.gap), one.ratios))
