@@ -264,7 +264,7 @@ class Replay:
             findings.start_ns = int(times_ns[0])
         self._look_for_gaps(times_ns)
         self._time_ns = findings.end_ns = int(times_ns[-1])
-        self._before = [entry for entry in self._before if entry[0] == self._time_ns]
+        self._before.clear()
         events = done.events
         if first and not self._own:
             # A recorder that joins late gets the latched snapshot, and no earlier message.
@@ -283,8 +283,6 @@ class Replay:
         first = self.findings.end_ns is None and not self._own
         usable = np.ones(len(times_ns), dtype=np.bool_)
         steps = np.diff(times_ns, prepend=self._time_ns)
-        if first:
-            steps[:1] -= _LONGEST_WAIT_NS - longest if steps[:1].sum() > longest else 0
         if not len(steps) or (steps.min() >= 0 and steps.max() <= longest):
             return usable
         last = self._time_ns

@@ -67,6 +67,10 @@ WRONG = [
     (put('state.origin.velocity', 1e300), 'origin.velocity is 1e+300: give a number'),
     (put('state.format', [2]), 'is of format [2]; this version reads format'),
     (put('stamp_offset_ns', '5'), "stamp_offset_ns is '5'"),
+    (
+        lambda t: put('time_ns', 1)(put('stamp_offset_ns', -command._LATEST_NS + 1)(t)),
+        'stamps of ROS end at',
+    ),
     (put('rate', 0.0), 'rate is 0.0: give a number from 1e-12 to'),
     (put('reason', ['start']), "reason is ['start']: it must be a text"),
     (put('run', 1.5), 'run is 1.5: it must be a text'),

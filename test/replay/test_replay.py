@@ -209,11 +209,15 @@ def controlled():
         ('/gap_control', 40, ('velocity', 0), 'velocity of stop_1'),
         ('/snapshot', -1, ('state', 'parameters', 'stiffness'), 'parameters.stiffness'),
         ('/snapshot', -1, ('state', 'origin', 'clearance_1'), 'origin.clearance_1'),
+        ('/snapshot', -1, ('state', 'origin', 'angles', 0), 'origin.angles'),
         ('/snapshot', -1, ('rate',), 'rate'),
         ('/snapshot', 0, ('number',), 'number'),
     ],
 )
-def test_an_altered_number_is_named(tmp_path, controlled, topic, number, place, quantity):
+def test_an_altered_number_is_named(
+    tmp_path, controlled, monkeypatch, topic, number, place, quantity
+):
+    """On the same machine, and noticed on another one."""
     at = places(controlled, topic)[number]
     stamp = controlled[at][2]
     (where,) = (p for p in numbers_of(controlled[at]) if p[-len(place) :] == place)
@@ -227,14 +231,22 @@ def test_an_altered_number_is_named(tmp_path, controlled, topic, number, place, 
     if topic != '/snapshot':
         assert findings.by_topic == {topic: 1}
         assert first.time == pytest.approx((stamp - samples.START) / 1e9, abs=2e-3)
+    monkeypatch.setattr('impact_damper_ros.replay.replay.mathematics', lambda: 1)
+    findings = replayed(bag)
+    assert findings.verdict is ReplayVerdict.DIFFERENT
+    assert topic in findings.by_topic
 
 
 def test_missing_samples_are_a_fault_unless_the_recorder_dropped_them(tmp_path, messages):
-    kept = [m for m in messages if not 600_000_000 < m[2] - samples.START < 700_000_000]
-    findings = replayed(samples.record(tmp_path / 'bag', kept, custom=NOTES))
-    assert findings.verdict is ReplayVerdict.PARTIAL
-    text = 'the bag is not complete: 19 joint states are missing, the first after 0.6 s'
-    assert findings.faults == [f'{text}; the recorder notes 0 dropped messages']
+    for begin, end, missing in (
+        (0, 20_000_001, '4 joint states are missing'),
+        (600_000_001, 700_000_000, '19 joint states are missing, the first after 0.6 s'),
+    ):
+        kept = [m for m in messages if 'snap' in m[0] or not begin <= m[2] - samples.START < end]
+        findings = replayed(samples.record(tmp_path / str(begin), kept, custom=NOTES))
+        assert findings.verdict is ReplayVerdict.PARTIAL
+        text = f'the bag is not complete: {missing}; the recorder notes 0 dropped messages'
+        assert findings.faults == [text]
     notes = {**NOTES, 'dropped': '19'}
     findings = replayed(samples.record(tmp_path / 'dropped', kept, custom=notes))
     assert findings.verdict is ReplayVerdict.IDENTICAL
@@ -343,6 +355,14 @@ def test_bags_without_a_rig_are_refused(tmp_path, messages):
         replayed(foreign)
 
 
+def test_a_recorder_may_join_after_hours(tmp_path):
+    """It has the latched snapshot, and then joint states of a rig that has run for 8 hours."""
+    rig = RecordedRig(LIVELY.replace(gap=100.0, friction=0.0), rate=0.01).start().run(300)
+    late = [rig.messages[0], *rig.messages[-12:]]
+    findings = replayed(samples.record(tmp_path / 'bag', late))
+    assert (findings.verdict, findings.samples) == (ReplayVerdict.IDENTICAL, 12)
+
+
 def test_a_wrong_stamp_does_not_run_the_rig_for_years(tmp_path, messages):
     arrived = ros2_bags.joined(messages, 0)
     place = places(arrived, '/joint_states')[100]
@@ -361,7 +381,8 @@ def test_what_cancels_the_order_of_its_stamp_may_come_after_it(tmp_path, request
     """In a paused rig, in simulated time: the snapshot is the same without the order."""
     rig = RecordedRig(control=CONTROL.replace(gap_control='external')).start()
     for place in (0.015, 0.008):
-        rig.run(50, order=lambda place=place: Order(place, -place)).serve(request_, ('resume', 0))
+        rig.run(50, order=lambda place=place: Order(place, -place)).serve(request_)
+        rig.serve(('resume', 0))
     findings = replayed(rig.run(50).save(tmp_path / 'bag'))
     assert findings.verdict is ReplayVerdict.IDENTICAL, findings.differences
 
