@@ -33,7 +33,7 @@ from impact_damper_ros.rig.run_result import Outcome
 from impact_damper_ros.rig.runaway import RunawayError
 from impact_damper_ros.rig.snapshot import ARITHMETIC
 
-from .command import Command, Setting, restore_rig
+from .command import Command, Deed, Setting, restore_rig
 from .findings import Findings, SampleGap
 from .matching import Matcher, NearMatcher, differing_states, expected_states, note_states
 from .rows import (
@@ -66,6 +66,20 @@ _REMEDY = 'replay the bag with the version of impact_damper_ros that recorded it
 
 #: A change to parameters, or a reset to initial conditions.
 Step = Setting | InitialConditions
+
+
+def _repeat(rig: Rig, entry: Deed) -> tuple[Step | None, Events]:
+    """Repeat what was done to a rig; return what that was, if anything, and its events."""
+    if isinstance(entry, int):
+        return None, NO_EVENTS
+    if isinstance(entry, InitialConditions):
+        rig.reset(entry)
+        return entry, NO_EVENTS
+    present = Setting.at(rig)
+    setting = present.replace_values(entry)
+    if setting == present:
+        return None, NO_EVENTS
+    return setting, table_of_events(rig.change(*setting))
 
 
 class RunPart(NamedTuple):
@@ -436,10 +450,7 @@ class Replay:
             for order in orders:
                 rig.order(order.order)
             for entry in command.done:
-                if isinstance(entry, InitialConditions):
-                    rig.reset(entry)
-                elif isinstance(entry, Mapping):
-                    rig.change(*Setting.at(rig).replace_values(entry))
+                _repeat(rig, entry)
             replayed = without_search(rig.snapshot())
         except _FAILURES:
             return False
@@ -458,27 +469,24 @@ class Replay:
             numbers = published_states(samples_as_rows([rig.sample()]), rig.parameters)
             self._before.append((command.time_ns, numbers[0]))
             try:
-                if isinstance(entry, int):
-                    findings.offset_ns = entry
-                elif isinstance(entry, InitialConditions):
-                    rig.reset(entry)
-                    self.initial = entry
-                    findings.resets += 1
-                    described.append('reset')
-                    steps.append((command.time_ns, entry))
-                else:
+                if isinstance(entry, Mapping):
                     described += [f'{name} = {value!r}' for name, value in entry.items()]
                     initial = self.initial.as_dict()
                     initial |= {n: v for n, v in entry.items() if n in initial}
                     self.initial = InitialConditions(**initial)
-                    present = Setting.at(rig)
-                    setting = present.replace_values(entry)
-                    if setting != present:
-                        events = table_of_events(rig.change(*setting))
-                        found.append(events)
-                        self._expect(events, rig.acts)
-                        findings.changes += 1
-                        steps.append((command.time_ns, setting))
+                step, events = _repeat(rig, entry)
+                if isinstance(entry, int):
+                    findings.offset_ns = entry
+                elif isinstance(step, InitialConditions):
+                    self.initial = step
+                    findings.resets += 1
+                    described.append('reset')
+                elif step is not None:
+                    found.append(events)
+                    self._expect(events, rig.acts)
+                    findings.changes += 1
+                if step is not None:
+                    steps.append((command.time_ns, step))
             except (ParameterError, TypeError, ValueError) as error:
                 findings.fault(
                     f'the change at rig time {command.time:.9g} s cannot be applied to the rig: '
