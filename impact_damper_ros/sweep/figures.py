@@ -30,7 +30,9 @@ from impact_damper_ros.report.drawing import (
     place_log_ticks,
     print_style,
     save_figure,
+    unit_axis,
 )
+from impact_damper_ros.report.formatting import quantity
 
 from .best import Optimum
 from .branches import branches_of
@@ -79,10 +81,10 @@ _MEASURES = {
     'relative_transmissibility': 'Transmissibility,\nrms (X − b) / rms b',
     'stick_share': 'Share of time sticking',
     'transmissibility': 'Transmissibility,\nrms X / rms b',
-    'x_max': 'Largest |X| [m]',
+    'x_max': 'Largest |X|',
     'x_max_ratio': 'Largest |X| / A',
-    'x_mean': 'Mean X [m]',
-    'x_rms': 'RMS of X [m]',
+    'x_mean': 'Mean X',
+    'x_rms': 'RMS of X',
 }
 
 
@@ -91,8 +93,8 @@ def _symbol(name: str) -> str:
     return _SYMBOLS[name].rsplit(' ', 1)[-1] if name in _SYMBOLS else name.replace('_', ' ')
 
 
-def _axis_label(axis: Axis, rig: RigParameters) -> str:
-    """Return the label of an axis: the parameters that are varied, with their unit."""
+def _label_axis(drawn: Any, axis: Axis, rig: RigParameters) -> None:
+    """Label an axis with the parameters that are varied and their unit, and place its ticks."""
     names = [
         _SYMBOLS.get(one.name, one.name.replace('_', ' ').capitalize())
         + (f' [{one.entry + 1}]' if one.entry is not None else '')
@@ -100,35 +102,46 @@ def _axis_label(axis: Axis, rig: RigParameters) -> str:
     ]
     first = names[0] + ''.join(f' = {name.rsplit(" ", 1)[-1]}' for name in names[1:])
     unit = axis.shown_unit(rig)
-    return f'{first} [{unit}]' if unit else first
+    if axis.logarithmic:
+        place_log_ticks(drawn)
+    if unit == 'm':
+        unit_axis(drawn, first, unit, axis.values)
+    else:
+        drawn.set_label_text(f'{first} [{unit}]' if unit else first)
+
+
+def _label_measure(drawn: Any, measure: str) -> None:
+    """Label an axis with the measure that it shows, a length in a handy unit."""
+    if MEASURES[measure].unit == 'm':
+        unit_axis(drawn, _MEASURES[measure], 'm', drawn.get_view_interval())
+    else:
+        drawn.set_label_text(_MEASURES[measure])
 
 
 def _place_text(axis: Axis, value: float, rig: RigParameters) -> str:
     """Return a value of an axis for a legend, with symbol and unit."""
-    return f'{_symbol(axis.varied[0].name)} = {axis.value_text(value, rig)}'
-
-
-def _scale_axis(drawn: Any, axis: Axis) -> None:
-    """Put ticks of a logarithmic axis at round numbers."""
-    if axis.logarithmic:
-        place_log_ticks(drawn)
+    length = axis.shown_unit(rig) == 'm'
+    text = quantity(value, 'm', 5) if length else axis.value_text(value, rig)
+    return f'{_symbol(axis.varied[0].name)} = {text}'
 
 
 def _best_text(optimum: Optimum) -> str:
     """Return the value of a measure at the optimum for a legend, with its unit."""
-    return f'{optimum.value:.4g} {MEASURES[optimum.measure].unit}'.rstrip()
+    unit = MEASURES[optimum.measure].unit
+    if unit == 'm':
+        return quantity(optimum.value, 'm', 4)
+    return f'{optimum.value:.4g} {unit}'.rstrip()
 
 
 def _set_axes(axes: Any, grid: Grid) -> None:
     """Label both axes of a map, and scale them as the sweep does."""
     rig, (across, up) = grid.setup.parameters, grid.axes
-    axes.set(xlabel=_axis_label(across, rig), ylabel=_axis_label(up, rig))
     if across.logarithmic:
         axes.set_xscale('log')
     if up.logarithmic:
         axes.set_yscale('log')
     for drawn, axis in ((axes.xaxis, across), (axes.yaxis, up)):
-        _scale_axis(drawn, axis)
+        _label_axis(drawn, axis, rig)
     axes.tick_params(direction='out')
 
 
@@ -258,7 +271,8 @@ def basin_figure(table: pd.DataFrame) -> Figure:
     handles = [
         Patch(
             facecolor=color,
-            label=f'{attractor_text(one)}: {one["share"]:.1%}, largest |X| {one["x_max"]:.4g} m',
+            label=f'{attractor_text(one)}: {one["share"]:.1%}, largest |X| '
+            f'{quantity(one["x_max"], "m", 4)}',
         )
         for color, one in zip(_COLORS, found, strict=False)
     ]
@@ -485,13 +499,13 @@ def bifurcation_figure(
             axes.set_xticks([0.0, 1.0], ['no', 'yes'])
         else:
             axes.margins(x=0.02)
-        _scale_axis(axes.xaxis, axis)
     upper.set_ylim(0.0, 1.0)
     finish_panel(upper, 'a', '', 'Phase of the impacts [cycles]')
-    label = _axis_label(axis, grid.setup.parameters)
-    finish_panel(middle, 'b', '' if exponents else label, _MEASURES[measure])
+    finish_panel(middle, 'b', '', '')
+    _label_measure(middle.yaxis, measure)
     if exponents:
-        finish_panel(panels[2], 'c', label, 'Lyapunov exponent\n[1/cycle]')
+        finish_panel(panels[2], 'c', '', 'Lyapunov exponent\n[1/cycle]')
+    _label_axis(panels[-1].xaxis, axis, grid.setup.parameters)
     own = middle.get_legend_handles_labels()[0]
     if handles:
         # The legend has the sweep on the left, theory on the right.
@@ -632,7 +646,8 @@ def surface_figure(table: pd.DataFrame, measure: str, optimum: Optimum | None) -
             axes.set_ylabel('')
         if direction:
             axes.set_title(f'followed {direction}wards', loc='left')
-    figure.colorbar(mesh, ax=list(panels), label=_MEASURES[measure], pad=0.015)
+    bar = figure.colorbar(mesh, ax=list(panels), pad=0.015)
+    _label_measure(bar.ax.yaxis, measure)
     handles = _legend(table, grid, optimum)
     if handles:
         legend_below(figure, handles, 2)

@@ -10,7 +10,7 @@ from rigs import TABLE
 
 from impact_damper_ros import Transmissibility
 from impact_damper_ros.cli.sweep_rig import main
-from impact_damper_ros.sweep import Grid, range_from_text, sweep
+from impact_damper_ros.sweep import Grid, find_optimum, range_from_text, sweep
 from impact_damper_ros.sweep.figures import bifurcation_figure, surface_figure
 from impact_damper_ros.sweep.grid import GridError
 
@@ -104,6 +104,20 @@ def test_figure_of_two_axes():
     )
     assert {5.0, 10.0, 20.0} <= set(labels_of(axes.yaxis))
     assert 'Ω = 62.8319 rad/s = 10 Hz' in figure.get_suptitle()
+
+
+def test_lengths_in_si_are_drawn_in_a_handy_unit():
+    pytest.importorskip('matplotlib')
+    table = sweep(Grid(WIDE, gap=[0.004, 0.01, 0.02], damper_mass=[0.1, 0.2]), jobs=1)
+    best = find_optimum(table, 'x_max')
+    figure = drawn(surface_figure(table, 'x_max', best))
+    axes, bar = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ('Gap d [mm]', 'Damper mass m [kg]')
+    assert {5.0, 10.0, 15.0, 20.0} <= set(labels_of(axes.xaxis))
+    assert bar.get_ylabel() == 'Largest |X| [mm]'
+    (gap, mass), size = best.values, best.value
+    text = figure.legends[0].get_texts()[0].get_text()
+    assert text.endswith(f': {1e3 * size:.4g} mm at d = {1e3 * gap:.5g} mm, m = {mass:g} kg')
 
 
 def test_command(tmp_path, capsys):
