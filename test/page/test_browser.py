@@ -507,9 +507,14 @@ def test_the_address_reproduces_the_rig(opened, parameters):
     page.expect('#knob-gap').to_have_value('26')
     page.expect('#preset-name').to_have_text('Bench rig')
     # Another link is pasted into the open tab.
-    page.run("location.hash = '#gap=0.0215&window=10'")
+    page.run("location.hash = '#gap=21.5%20mm&window=10'")
     until(lambda: parameters.get('gap') == 0.0215)
+    page.expect('#knob-gap').to_have_value('21.5')
     page.expect('#windows [aria-pressed=true]').to_have_attribute('value', '10')
+    page.wait("location.hash.includes('gap=0.0215&')")
+    page.run("location.hash = '#gap=12'")
+    page.expect('#toast').to_contain_text('gap=12 without a unit: that is 12.0 m')
+    until(lambda: parameters.get('gap') == 12.0)
 
 
 def test_another_machine_watches_and_sees_that(tab, live, parameters, tmp_path):

@@ -2,6 +2,7 @@
 // What the page asks the server for: values, services, presets, a place in a recording, another rig.
 
 import { toast } from './dom.js';
+import { lengthHint } from './words.js';
 
 /** @import { Request, ServiceRequest } from './messages.js' */
 
@@ -41,8 +42,8 @@ export class Actions {
 
   /** Set values from elsewhere than a knob; return whether they were taken. */
   async turn(values) {
-    const { ok, reason } = await this.set(values);
-    if (ok) this.store.emit('turned', values);
+    const { ok, reason, values: taken } = await this.set(values);
+    if (ok) this.store.emit('turned', taken);
     else toast(reason, 'bad');
     return ok;
   }
@@ -120,6 +121,12 @@ export class Actions {
     if (wanted.preset) await this.loadPreset(wanted.preset);
     // Where the node records, and whether, is not for a link to say.
     const values = store.reproducible(wanted.values);
-    if (Object.keys(values).length) await this.turn(values);
+    const { hello: { parameters }, units } = store;
+    const hint = lengthHint(values, parameters, units);
+    for (const { name, type, unit } of parameters) {
+      // A number with its unit is read as one that is typed.
+      if (typeof values[name] === 'string' && type !== 'string') values[name] = { text: values[name], unit };
+    }
+    if (Object.keys(values).length && await this.turn(values) && hint) toast(hint);
   }
 }

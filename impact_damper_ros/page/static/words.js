@@ -70,6 +70,15 @@ export function changeInWords({ kind, values = {}, preset = '' }, /** @type {Val
   return { text: [kind === 'reset' ? 'reset' : '', turned].filter(Boolean).join(', '), name: kind !== 'reset' && names.length === 1 ? names[0] : '' };
 }
 
+/** A hint on a length that a link has without a unit: in m it is far longer than those of a rig which are read in mm; empty if there is none. */
+export function lengthHint(/** @type {Values} */ values, /** @type {Descriptor[]} */ descriptors, /** @type {Units} */ { scale }) {
+  const isFar = (value) => typeof value === 'number' && lengthUnit(Math.abs(value)).unit === 'm';
+  const far = scale.unit !== 'm' && descriptors.find(({ name, unit }) => unit === 'm' && values[name] && isFar(values[name]));
+  if (!far) return '';
+  const given = `${far.name}=${values[far.name]}`;
+  return `The link has ${given} without a unit: that is ${withUnit(values[far.name], 'm')}. If ${scale.unit} are meant, write ${given}${scale.unit}.`;
+}
+
 /** What shakes the rig first, the force or the base: amplitude, unit, and frequency in rad/s. */
 export function drive(/** @type {Values} */ { force_amplitudes: force = [], force_frequencies: ofForce = [], base_amplitudes: base = [], base_frequencies: ofBase = [], base_quantity: quantity }) {
   if (!force[0] && base[0]) return { amplitude: Math.abs(base[0]), unit: BASE[quantity], frequency: ofBase[0], word: 'base ' };

@@ -7,7 +7,7 @@ import { test } from 'node:test';
 import { clock, digits, lengthUnit, niceAbove, ticks, typed, withUnit } from '../../../impact_damper_ros/page/static/format.js';
 import { readTyped, SliderScale } from '../../../impact_damper_ros/page/static/slider.js';
 import { Theory } from '../../../impact_damper_ros/page/static/theory.js';
-import { changeInWords, push, rigInWords, Units, verdictInWords } from '../../../impact_damper_ros/page/static/words.js';
+import { changeInWords, lengthHint, push, rigInWords, Units, verdictInWords } from '../../../impact_damper_ros/page/static/words.js';
 
 const TABLE = [
   [digits, [[[0], '0'], [[null], '–'], [[NaN], '–'], [[12.3456], '12.3'], [[-0.00123456, 4], '−0.001235'], [[1234567], '1.23e+6']]],
@@ -25,6 +25,16 @@ for (const [convert, cases] of TABLE) {
     test(`${convert.name || String(convert)}(${given.map(String)}) is ${expected}`, () => assert.equal(convert(...given), expected));
   }
 }
+
+test('a length of a link without a unit is questioned where it is in m and the rig in mm', () => {
+  const lengths = ['gap', 'initial_damper_offset'].map((name) => ({ name, unit: 'm' }));
+  const hint = (values, gap = 0.024) => lengthHint(values, [...lengths, { name: 'stiffness', unit: 'N/m' }], new Units({ gap }));
+  assert.equal(hint({ gap: 12, stiffness: 2000 }), 'The link has gap=12 without a unit: that is 12.0\u202fm. If mm are meant, write gap=12mm.');
+  assert.match(hint({ gap: 0.02, initial_damper_offset: -5 }), /offset=-5 .* −5\.00\u202fm\. .*offset=-5mm/);
+  assert.match(hint({ gap: 20 }, 0.0001), /20µm/);
+  assert.deepEqual([{ gap: 0.034 }, { gap: '12mm' }, { stiffness: 12 }, {}].map((values) => hint(values)), ['', '', '', '']);
+  assert.equal(hint({ gap: 24 }, 37), '');
+});
 
 test('a slider goes eight times up and down, within what is usual', () => {
   const gap = { name: 'gap', min: 1e-9, max: 1e9, usual: [0.001, 0.1] };
