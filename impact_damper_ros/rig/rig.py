@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -362,7 +363,7 @@ class Rig(RigChanges):
         )
         while True:
             # Compiled code compares the states itself.
-            end = start + cycles * cycle if self.compiled else next_look(self._run, looks, strobe)
+            end = inf if self.compiled else next_look(self._run, looks, strobe)
             status, count = self._run_to(
                 *(end, RunTables(keep=False, since=start, end=end)),
                 most=most_events - happened,

@@ -238,8 +238,7 @@ class RigState:
     @property
     def moves_stops(self) -> bool:
         """Whether a control moves the stops, or stops are on their way by it."""
-        control = self._control
-        return bool(control.active or control.controller.returning or control.actuators.waiting)
+        return self._control.active or bool(self._control.controller.returning)
 
     def mark(self) -> dict[str, Any]:
         """Return a mark for `go_back`; far cheaper than a snapshot."""

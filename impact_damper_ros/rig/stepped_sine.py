@@ -62,8 +62,7 @@ def _frequency(parameters: RigParameters, step: int) -> float:
     place = min(max(step, 0), steps)
     if parameters.sweep_mode == 'down':
         place = steps - place
-    elif place > once:
-        place = 2 * once - place
+    place = min(place, 2 * once - place)
     if place == once:
         return parameters.sweep_high
     if parameters.sweep_spacing == 'logarithmic':

@@ -3,7 +3,15 @@
 import pytest
 from rigs import HORIZONTAL
 
-from impact_damper_ros import GapControlParameters, Observer, Rig, RunawayError, TimedChange, run
+from impact_damper_ros import (
+    GapControlParameters,
+    InitialConditions,
+    Observer,
+    Rig,
+    RunawayError,
+    TimedChange,
+    run,
+)
 
 CONTROL = GapControlParameters()
 
@@ -80,23 +88,18 @@ def test_samples_between_the_stops_are_those_of_a_rig_that_stops(compiled):
     assert rig.snapshot() == alone.snapshot()
 
 
-def test_a_run_goes_on_from_where_the_rig_is():
-    rig = Rig(HORIZONTAL)
+@pytest.mark.parametrize('begun', [False, True])
+def test_a_run_goes_on_from_where_the_rig_is(begun):
+    """What is due at its start, here an impact, is no part of one that has begun already."""
+    initial = InitialConditions(initial_damper_offset=18.5, initial_damper_velocity=1.0)
+    rig = Rig(HORIZONTAL, initial)
     first = Diary(rig)
-    run(rig, 45.0, [first])
-    run(rig, 60.0, [first])
-    assert first.events == Rig(HORIZONTAL).advance(60.0)
-    assert first.looks == [0.0, 45.0, 45.0, 60.0]
-
-
-def test_a_change_at_the_start_of_a_run_is_made_there():
-    rig = Rig(HORIZONTAL)
-    diary = Diary(rig)
-    run(rig, 45.0, [diary])
-    wide = HORIZONTAL.replace(gap=40.0)
-    run(rig, 60.0, [diary], [TimedChange(45_000_000_000, {'gap': 40.0}, wide, CONTROL)])
-    assert diary.changes == [(45_000_000_000, {'gap': 40.0}, 45.0)]
-    assert rig.parameters == wide
+    run(rig, 0.0, [first], begun=begun)
+    assert len(first.events) == (0 if begun else 1)
+    run(rig, 45.0, [first], begun=begun)
+    run(rig, 60.0, [first], begun=begun)
+    assert first.events == Rig(HORIZONTAL, initial).advance(60.0)
+    assert first.looks == [0.0, 0.0, 45.0, 45.0, 60.0]
 
 
 def test_the_observers_have_seen_the_events_of_a_rig_that_has_too_many():
@@ -109,16 +112,16 @@ def test_the_observers_have_seen_the_events_of_a_rig_that_has_too_many():
 
 
 def test_changes_of_one_instant_are_made_one_after_the_other():
-    """And those that follow are not lost."""
+    """Also at the start of a run; and those that follow are not lost."""
     wide, rough = HORIZONTAL.replace(gap=30.0), HORIZONTAL.replace(gap=30.0, friction=0.01)
     last = HORIZONTAL.replace(gap=20.0)
     changes = [
-        TimedChange(10**9, {'gap': 30.0}, wide, CONTROL),
-        TimedChange(10**9, {'gap': 30.0, 'friction': 0.01}, rough, CONTROL),
+        TimedChange(0, {'gap': 30.0}, wide, CONTROL),
+        TimedChange(0, {'gap': 30.0, 'friction': 0.01}, rough, CONTROL),
         TimedChange(2 * 10**9, {'gap': 20.0}, last, CONTROL),
     ]
     rig = Rig(HORIZONTAL)
     diary = Diary(rig)
     run(rig, 5.0, [diary], changes)
-    assert [time_ns for time_ns, _, _ in diary.changes] == [10**9, 10**9, 2 * 10**9]
+    assert [time_ns for time_ns, _, _ in diary.changes] == [0, 0, 2 * 10**9]
     assert rig.parameters == last

@@ -15,18 +15,20 @@ from impact_damper_ros import (
     RigParameters,
     RunawayError,
 )
+from impact_damper_ros.rig.snapshot import LATEST
 
 
-def test_an_impact_at_the_start_is_reported_once():
+@pytest.mark.parametrize('start', [0.0, -LATEST, LATEST])
+def test_an_impact_at_the_start_is_reported_once(start):
     """Also across a snapshot, so that a recording that begins with it can be replayed."""
     initial = InitialConditions(initial_damper_offset=18.5, initial_damper_velocity=1.0)
-    rig = Rig(RigParameters(gravity=0.0), initial)
+    rig = Rig(RigParameters(gravity=0.0), initial, time=start)
     other = through_json(rig)
-    (first,) = rig.advance(0.0)
-    assert (first.kind, first.time, first.stop) == (EventKind.IMPACT, 0.0, 1)
+    (first,) = rig.advance(start)
+    assert (first.kind, first.time, first.stop) == (EventKind.IMPACT, start, 1)
     assert first.damper_velocity_before == 1.0
-    assert rig.advance(0.0) == []
-    assert other.advance(0.0) == [first]
+    assert rig.advance(start) == []
+    assert other.advance(start) == [first]
 
 
 def test_modes_are_timed_from_where_a_run_begins():
@@ -68,14 +70,14 @@ def test_run_until_the_motion_comes_back(changes, kept, compiled):
         y, u = run.samples['z'] - x, run.samples['damper_velocity'] - v
         states = np.column_stack([x, v / 1.02, y, u / 1.02])
         near = np.abs(states[-17:-1] - states[-1]).max(axis=1).min()
-        if near <= 1e-3 * (np.abs(x).max() + np.ptp(y)):
+        if near <= 2e-3 * (np.abs(x).max() + np.ptp(y)):
             break
     if error is not None:
         with pytest.raises(RunawayError) as refused:
-            one.run_until_return(cycle, 1.02, 170, 1e-3, most_events=most)
+            one.run_until_return(cycle, 1.02, 170, 2e-3, most_events=most)
         assert str(refused.value) == error
     else:
-        found = one.run_until_return(cycle, 1.02, 170, 1e-3, most_events=most)
+        found = one.run_until_return(cycle, 1.02, 170, 2e-3, most_events=most)
         assert found == (cycles, events)
         assert (cycles < 170) == (changes['gap'] == 24.0)
     assert one.sample() == other.sample()

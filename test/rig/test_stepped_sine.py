@@ -96,6 +96,12 @@ def test_the_first_angle_goes_on_through_a_step():
         ({'start': 0.1}, r'sweep.step is 2, from 0.3\d* s to 0.3\d* s: it must be the one at'),
         ({'step': 3}, 'sweep.due is 0.3'),
         ({'due': 12.0}, r'sweep.due is 12.0 s: it must be at most'),
+        (
+            {'due': -1e300},
+            r'sweep.step is 2, from 0.2 s to -1e\+300 s: it must be the one at time',
+        ),
+        ({'due': math.nan}, 'sweep.step is 2, from 0.2 s to nan s'),
+        ({'due': 'soon'}, 'snapshot is not complete'),
         ({'due': 0.2}, r'sweep.step is 2, from 0.2 s to 0.2 s: it must be the one at time'),
     ],
 )
@@ -164,6 +170,9 @@ def test_changes_on_the_way():
     rig.reset()
     assert rig.force_frequency == 1.3
     assert [e.time for e in rig.advance(10.6)] == [10.5]
+    assert len(rig.advance(11.5)) == 2
+    rig.change(rig.parameters.replace(gap=1e4))
+    assert rig.advance(14.0) == []
 
 
 def test_the_budget_of_events_holds_across_steps():
