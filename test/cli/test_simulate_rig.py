@@ -2,7 +2,6 @@
 
 import csv
 import io
-import math
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +10,10 @@ import numpy as np
 import pytest
 
 import impact_damper_ros
-from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters, Sample
+from impact_damper_ros import EventKind, GapControlParameters, Rig, RigParameters
 from impact_damper_ros.cli.compare_run import main as compare_run
 from impact_damper_ros.cli.replay_run import main as replay_run
 from impact_damper_ros.cli.simulate_rig import main
-from impact_damper_ros.motion.swing import Swing, turning_point
 
 ROOT = Path(impact_damper_ros.__file__).parents[1]
 PAPER = ROOT / 'config' / 'paper.yaml'
@@ -162,20 +160,6 @@ def test_a_chatter_is_reported_once_as_rest(tmp_path, settings, rests):
     assert kinds[-1] == 'rest' if rests else {'impact', 'rest'} == set(kinds)
     assert kinds.count('rest') == rests or rests is None
     assert len(rows) < 400
-
-
-def test_swing_finds_the_turning_point_between_samples():
-    swing = Swing()
-    for k in range(65):
-        t = 0.013 + k * math.tau / 64
-        x, v = 3.0 * math.sin(t), 3.0 * math.cos(t)
-        swing.look(Sample(t, x, v, *[0.0] * 8), [])
-    assert swing.largest == pytest.approx(3.0, rel=1e-6)
-
-
-@pytest.mark.parametrize('x', [1.0, math.nextafter(1.0, 2.0)])
-def test_a_turning_point_where_the_primary_hardly_moves(x):
-    assert turning_point(0.0, 1.0, 5e-324, 0.02, x, -1e-300) == pytest.approx(x, abs=1e-15)
 
 
 def test_an_output_that_is_full():

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from impact_damper_ros.motion.flight import begin_flight, motion_at, starting_motion
-from impact_damper_ros.motion.oscillator import POINTS, free_bound
+from impact_damper_ros.motion.oscillator import (
+    POINTS,
+    free_bound,
+    oscillators,
+    set_oscillator,
+)
 from impact_damper_ros.motion.state import Moving
 from impact_damper_ros.motion.waves import next_point, sine_and_cosine
 from motion.break_contact import flights_of, launchable, plain
@@ -172,3 +177,24 @@ def test_sine_and_cosine_of_several_harmonics(largest):
         exact = mp.sin(mp.mpf(phase)), mp.cos(mp.mpf(phase))
         for value, there in zip(sine_and_cosine(phase), exact, strict=True):
             assert abs(value - there) <= 0.9 * math.ulp(max(abs(value), 1e-3))
+
+
+def test_constants_of_a_solver_are_those_of_a_run():
+    """But for the digits beyond a float's, and those to which the step of a run is rounded."""
+    rng = np.random.default_rng(8)
+    for damping in (0.0, 0.02, 0.9):
+        mass, stiffness = rng.uniform(0.5, 5.0, (2, 1))
+        critical = 2.0 * np.sqrt(stiffness * mass)
+        rates = np.sqrt(stiffness / mass) * np.array([[0.3, 1.01, 4.0, 50.0]])
+        forces = np.array([[1.0, -2.0, 0.4, 0.0]])
+        given = mass, stiffness, damping * critical, forces, rates, rng.uniform(0.0, 6.0, (1, 4))
+        run = [rows.view(np.recarray)[0] for rows in oscillators(*given)]
+        solver = [rows.copy() for rows in run]
+        for rows in solver:
+            for name in rows.dtype.names:
+                if not name.startswith(('force', 'frequency', 'phase', 'base_')):
+                    rows[name] = np.nan
+        set_oscillator(*solver, mass[0], stiffness[0], damping * critical[0])
+        for mine, other in zip(solver, run, strict=True):
+            for name in mine.dtype.names:
+                assert mine[name] == pytest.approx(other[name], rel=1e-3, abs=1e-6), name

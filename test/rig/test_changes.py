@@ -41,7 +41,7 @@ def y_of(rig):
     ids=['closing', 'opening on the way', 'closing on the way'],
 )
 def test_gap_while_m_moves_inwards(place, changes, end, expected, side):
-    """What holds of commands to both stops holds of a gap (test_stops); here one after another."""
+    """What holds of commands to both stops, one after another (test_moving_stops), too."""
     rig, told = mirrored(side, STILL, place, -1.0), []
     for time, gap in changes.items():
         told += rig.advance(time)

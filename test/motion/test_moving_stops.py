@@ -7,11 +7,11 @@ from math import inf
 
 import pytest
 from hypothesis import given, strategies as st
-from motion.energy import Account
-from motion.random_rigs import random_command, random_rig, rig_of, through_json
 from rigs import BENCH, STILL
 
 from impact_damper_ros import EventKind, InitialConditions, Mode, Rig, RigParameters
+from motion.energy import Account
+from motion.random_rigs import random_command, random_rig, rig_of, through_json
 from oracle.hybrid_oracle import DEFAULTS
 from oracle.moving_stops import first_meeting
 
@@ -84,6 +84,15 @@ ONE_STOP = {
         [(TOUCHED, 4.0), (ARRIVED, 8.0)],
         8.5,
         -4.0,
+        0.0,
+    ),
+    'as fast as m': (
+        {},
+        (5.0, -1.0),
+        (0.0, -2.0, 1.0),
+        [(TOUCHED, 0.0), (ARRIVED, 7.0)],
+        7.5,
+        -2.0,
         0.0,
     ),
     'm stands': ({}, (1.0, 0.0), (0.0, 0.0, 2.0), [(TOUCHED, 2.0), (REST, 2.0)], 9.0, 1.0, 0.0),
@@ -163,12 +172,17 @@ ONE_STOP = {
 @pytest.mark.parametrize('side', [1, -1])
 @pytest.mark.parametrize('case', ONE_STOP)
 def test_one_stop(case, side):
-    """`side` mirrors: 1 for stop 1, -1 for stop 2. Each rebound is that of a standing stop."""
+    """
+    `side` mirrors: 1 for stop 1, -1 for stop 2. Each rebound is that of a standing stop.
+
+    The other stop is on its way from m all the time.
+    """
     changes, thrown_with, (start, target, speed), expected, until, place, rate = ONE_STOP[case]
     parameters = STILL.replace(**changes)
     rig = thrown(
         *(side * v for v in thrown_with), parameters.replace(angle=side * parameters.angle)
     )
+    to(rig, -side, 20.0, 0.01)
     rig.advance(start)
     events = to(rig, side, target, speed)
     own = 0 if side > 0 else 1
@@ -181,7 +195,8 @@ def test_one_stop(case, side):
     assert [(e.kind, e.stop, e.time) for e in events] == want
     assert near(rig, side) == pytest.approx(place, rel=1e-8, abs=1e-12)
     assert stop_velocities(rig)[own] == pytest.approx(side * rate, rel=1e-8, abs=1e-12)
-    assert stop_velocities(rig)[1 - own] == 0.0
+    assert stop_velocities(rig)[1 - own] == pytest.approx(-0.01 * side)
+    assert near(rig, -side) == pytest.approx(5.0 + 0.01 * until)
     assert targets(rig)[own] == side * target
     if expected[-1][0] == REST:
         assert rig.mode == (Mode.REST_1 if side > 0 else Mode.REST_2)
