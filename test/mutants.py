@@ -41,7 +41,10 @@ from cosmic_ray.work_db import WorkDB, use_db
 
 ROOT = Path(__file__).parents[1]
 #: What the tests read
-FOLDERS = 'impact_damper_ros', 'test', 'config', 'examples', 'docs', 'benchmarks', 'resource'
+FOLDERS = (
+    *('impact_damper_ros', 'test', 'config', 'examples', 'docs', 'benchmarks', 'resource'),
+    *('launch', 'layouts'),
+)
 SWAPS = ('Add_Sub', 'Sub_Add', 'Mul_Div', 'Div_Mul')
 ORDERS = ('Eq_NotEq', 'NotEq_Eq', 'Lt_LtE', 'LtE_Lt', 'Gt_GtE', 'GtE_Gt', 'Lt_Gt', 'Gt_Lt')
 OPERATORS = {

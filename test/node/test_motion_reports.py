@@ -1,15 +1,22 @@
-"""Measured and predicted motion on /diagnostics and the topic theory, over DDS."""
+"""Measured and predicted motion: of a rig by itself, and over DDS in diagnostics and theory."""
 
 import json
 import math
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from rigs import FRICTION, VERTICAL
+from rigs import FRICTION, OFF_RESONANCE, VERTICAL
 from std_msgs.msg import String
 
-from impact_damper_ros import find_orbits
-from impact_damper_ros.node.motion_report import SETTLED_DRIFT, TOLERANCE, X_MAX_TOLERANCE
+from impact_damper_ros import Rig, find_orbits, run_flights
+from impact_damper_ros.node.motion_report import (
+    SETTLED_DRIFT,
+    TOLERANCE,
+    X_MAX_TOLERANCE,
+    recent_motion,
+)
+from impact_damper_ros.node.motion_trace import MotionTrace
+from impact_damper_ros.orbits.recurrence import MotionKind
 from node.rig_client import LATCHED
 
 #: The golden inclined rig.
@@ -23,6 +30,51 @@ INCLINED = {
     'state_rate': 1.0,
 }
 TASKS = 'measured motion', 'predicted motion'
+
+
+WIDE = OFF_RESONANCE.replace(gap=1000.0)
+SHAKEN = WIDE.replace(base_amplitudes=0.3, base_frequencies=1.02, base_quantity='displacement')
+BROAD = FRICTION.replace(stiffness=4.0, multisine_level=0.5, multisine_low=0.5, multisine_high=2.0)
+#: Rig, cycles of the force, samples in each; what its motion is, in how many last cycles it is
+#: measured, and whether |X| is known.
+RECENT = {
+    'periodic': (FRICTION, 400, 40, MotionKind.PERIODIC, 1, True),
+    'settling': (FRICTION, 80, 40, MotionKind.TRANSIENT, 1, True),
+    'chaotic': (OFF_RESONANCE.replace(gap=50.0), 300, 40, MotionKind.UNDECIDED, 20, True),
+    'not yet': (SHAKEN, 15, 40, MotionKind.UNDECIDED, 15, True),
+    'no impacts': (WIDE, 60, 40, MotionKind.NO_IMPACTS, 20, True),
+    'rarely sampled': (FRICTION, 400, 5, MotionKind.PERIODIC, 1, False),
+    'random': (BROAD, 100, 40, MotionKind.NOT_PERIODICALLY_DRIVEN, 20, True),
+}
+
+
+@pytest.mark.parametrize('name', RECENT)
+def test_recent_motion(name):
+    parameters, cycles, samples, kind, last, sampled = RECENT[name]
+    cycle = math.tau / (parameters.omega if name == 'random' else parameters.force_frequencies[0])
+    rig = Rig(parameters)
+    trace = MotionTrace.at(parameters, rig.snapshot())
+    for k in range(1, cycles * samples + 1):
+        trace = trace.after(rig.advance(k * cycle / samples))
+        trace.sample(rig.sample())
+    found = recent_motion(trace, samples / cycle)
+    assert found.kind is kind
+    part = run_flights(Rig(parameters), rig.time).cut(rig.time - last * cycle, rig.time)
+    largest = part.integrals()[1]
+    assert found.x_max == (pytest.approx(largest, rel=1e-3) if sampled else None)
+    if name == 'random':
+        return
+    assert found.cycles == pytest.approx(cycles)
+    assert found.impacts_per_cycle == pytest.approx(len(part.impacts) / last)
+    assert found.too_wide == (parameters.gap if 2.0 * largest < parameters.gap else 0.0)
+    assert (found.rhythm is not None) is (last == 1)
+    if parameters.gap == 1000.0:
+        assert found.without == pytest.approx(cycles)
+    if parameters == SHAKEN:
+        # Of whole cycles from the second one on
+        end = int(trace.cycles(rig.time)) * cycle
+        whole = run_flights(Rig(parameters), rig.time).cut(cycle, end).integrals()[0]
+        assert found.transmissibility[:2] == pytest.approx(whole.transmissibility[:2], rel=5e-3)
 
 
 def motions(rig, holds):
