@@ -187,6 +187,7 @@ def fitted(row: dict[str, Any], record: Any, guess: Any, rig: Any) -> dict[str, 
         row['z'] = {
             name: (fit.parameters[name].value - value) / fit.parameters[name].standard_deviation
             for name, value in true_values(rig).items()
+            if fit.parameters[name].standard_deviation
         }
         if (speed := fit.parameters.get('restitution_speed')) is not None:
             # Its inverse is what has a normal error

@@ -17,14 +17,17 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from impact_damper_ros.motion.impact import bounce
 from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
-from .first_course import GRID, PENALTY, SAMPLES, guess_of, thin_out
+from .first_course import GRID, SAMPLES, guess_of, thin_out
 from .gauss_newton import FitSolution, System
-from .partition import Record, fit_vibration, free_vibrations, least_cost
+from .impact_search import ImpactSearch
+from .node_kernels import PAIR
+from .record import Record
 from .shooting import Further, Shooting
 from .unknowns import CONSTANTS, Fall, later, scaled_constant
 from .vibration import Array, Phasors, Vibration
@@ -71,6 +74,9 @@ _FEW, _MORE = np.linspace(0.96, 1.04, 3), np.linspace(0.96, 1.04, 5)
 _ONE, _DEAR = np.ones(1), 4.0
 #: Largest fall of R, as a part of the exponent, to which a slowness belongs.
 _STEEP = 0.2
+#: Residuals beyond this many standard deviations count less in the fit of one vibration, and the
+#: largest change of the logarithms of K and C from their start.
+_ROBUST, _WIDEST = 3.0, np.array([0.2, 3.0])
 #: Largest residuals of a record that is one vibration, over the noise.
 _ONE_VIBRATION = 1.5
 #: Shares of costs: that another reading must save where a fit has failed, that another unit may
@@ -173,7 +179,7 @@ class Evidence(NamedTuple):
         # At the end of the remaining step: a solution is less exact where two parameters can
         # hardly be distinguished
         step, multipliers = system.step(equations)
-        left = equations.residual + equations.residual_rates @ step
+        left = equations.residual + equations.changes(step)[0]
         gradient = residual.T @ left + condition.T @ multipliers
         return cls(columns, information / scale**2, gradient / scale**2, changes)
 
@@ -371,8 +377,7 @@ def _of_laws(shooting: Shooting, solution: FitSolution) -> Iterator[ParameterCol
         columns: list[int], at_end: Array, at_start: Array | None = None, size: float = 1.0
     ) -> tuple[Array, Array]:
         """Return derivatives by a parameter of m that is larger by factors, where flights end."""
-        condition = equations.condition_rates[:, columns].sum(axis=1)
-        rows = np.asarray(condition, float).ravel()
+        rows = equations.rows[equations.others :, [PAIR + k for k in columns]].sum(axis=1)
         rows[: 5 * len(ends)] *= np.repeat(at_end, 5)
         others = rows[5 * len(ends) :]
         others[len(shooting.firsts) :] = 0.0
@@ -441,7 +446,7 @@ def _cubic_spring(shooting: Shooting, solution: FitSolution) -> tuple[Array, Arr
     spans = np.diff(edges)
     at = edges[:-1, None] + spans[:, None] * _PLACES
     node = np.searchsorted(nodes, at, side='right') - 1
-    x = shooting.place(u, at.ravel(), node.ravel()).reshape(at.shape)
+    x = shooting.place(u, at.ravel()).reshape(at.shape)
     factor = -vibration.stiffness / float(np.mean(x**2))
     turned = factor * x**3 * np.exp(-root * (at - nodes[node]))
     sums = np.append(0.0, np.cumsum((turned @ _WEIGHTS) * spans)) / vibration.damped
@@ -456,7 +461,7 @@ def _cubic_spring(shooting: Shooting, solution: FitSolution) -> tuple[Array, Arr
     def motion_at(times: Array, start: NDArray[np.int64], derivative: int) -> Array:
         found = (root**derivative * answer(times, start)).imag
         if derivative == 2:
-            found += factor * shooting.place(u, times, start) ** 3
+            found += factor * shooting.place(u, times) ** 3
         return np.asarray(found)
 
     varied = copy.copy(shooting)
@@ -540,7 +545,7 @@ def wrong_file(
     """
     # Units are not tried: with one that leaves hardly any force, vibrations are fewer than with a
     # wrong phase.
-    if without_impacts := _one_vibration(record, rig, deviation):
+    if without_impacts := one_vibration(record, rig, deviation):
         return without_impacts, None
     fewer = thin_out(record, rig, SAMPLES)
     others = [(sentence, _driven_rig(rig, factor)) for factor, sentence in _SIGNS.items()]
@@ -556,21 +561,20 @@ def wrong_file(
     return (sentence, rig if sentence == OTHER_PHASE else other) if found else ('', None)
 
 
-def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
+def one_vibration(
+    record: Record, rig: RigParameters, deviation: float, most: float = _ONE_VIBRATION
+) -> str:
     """Return the fault if the record is one vibration, of M or of M and m, or ''."""
-    whole = np.array([0, len(record.time)])
-    damping = max(rig.damping, 1e-3 * rig.stiffness / rig.omega)
     joint = scaled_constant(rig, 'primary_mass', rig.mass_ratio) or rig
     left, slower = {}, {}
     for which, alone in (('M', rig), ('both', joint)):
-        fitted = fit_vibration(record, alone, whole, (rig.stiffness, damping), deviation)
-        free = free_vibrations(record, Vibration.of(alone, *fitted), whole).residual
-        left[which] = float(np.std(free[record.weight > 0.0])) / deviation
-        slower[which] = 50.0 * (1.0 - fitted[0] / alone.primary_mass / rig.omega**2)
+        stiffness, free = _fit_one_vibration(record, alone, deviation)
+        left[which] = float(np.std(free[record.weight > 0.0]))
+        slower[which] = 50.0 * (1.0 - stiffness / alone.primary_mass / rig.omega**2)
         # Without a force on M both fit: that with the stiffness of the file is taken.
-        left[which] *= 1.0 + abs(fitted[0] / rig.stiffness - 1.0)
+        left[which] *= 1.0 + abs(stiffness / rig.stiffness - 1.0)
     best = min(left, key=left.__getitem__)
-    if left[best] > _ONE_VIBRATION:
+    if left[best] > most:
         return ''
     lower = f'{abs(slower[best]):.2g} % {"lower" if slower[best] > 0.0 else "higher"}'
     return (
@@ -581,6 +585,23 @@ def _one_vibration(record: Record, rig: RigParameters, deviation: float) -> str:
         else 'the record is one vibration without impacts, with a natural frequency '
         f'{lower} than that of the file: the damper is not in it, or does not move'
     )
+
+
+def _fit_one_vibration(
+    record: Record, rig: RigParameters, deviation: float
+) -> tuple[float, Array]:
+    """Return the K of a record without impacts, and what is left of it, in deviations."""
+    search = ImpactSearch(record, rig, deviation)
+
+    def misfit(logarithms: Array) -> Array:
+        search.smooth(Vibration.of(rig, *np.exp(logarithms).tolist()))
+        return np.arcsinh(search.innovations / _ROBUST)
+
+    start = np.log([rig.stiffness, max(rig.damping, 1e-3 * rig.stiffness / rig.omega)])
+    bounds = start - _WIDEST, start + _WIDEST
+    found = least_squares(misfit, start, diff_step=1e-5, max_nfev=30, bounds=bounds)
+    search.smooth(Vibration.of(rig, *np.exp(found.x).tolist()))
+    return float(np.exp(found.x[0])), search.innovations
 
 
 def base_of(rig: RigParameters, times: Array, order: int) -> Array:
@@ -608,4 +629,5 @@ def _cost(
     """Return the least cost with some stiffnesses and dampings, in those of the rig."""
     stiffness, damping = guess_of(rig)
     tried = product((stiffness * stiffnesses).tolist(), (damping * dampings).tolist())
-    return min(least_cost(record, Vibration.of(rig, *one), deviation, PENALTY) for one in tried)
+    search = ImpactSearch(record, rig, deviation)
+    return min(search.find(Vibration.of(rig, *one)) for one in tried)

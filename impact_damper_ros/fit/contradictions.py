@@ -8,12 +8,16 @@ replay of every other flight.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from .course import Course
 from .gauss_newton import FitSolution, gains_of_release, solve
-from .relaxation import Problem
 from .shooting import Shooting
 from .vibration import Array
+
+Problem = Callable[[Course], Shooting]
 
 #: A fall of the sum of squares beyond which the laws of a flight are not believed.
 MOST_GAIN = 20.0

@@ -45,8 +45,6 @@ class Course:
         sticks. Without them all are reversals.
     held : list of ndarray of bool
         Turns whose instants are fixed, since the data hardly determine them.
-    lawless : ndarray of bool, shape (n - 1,)
-        Flights in which only M obeys its laws; none by default.
     """
 
     shared: Array
@@ -60,7 +58,6 @@ class Course:
     turns: list[Array] = field(default_factory=list)
     after: list[Counts] = field(default_factory=list)
     held: list[Flags] = field(default_factory=list)
-    lawless: Flags = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
         flights = max(len(self.time) - 1, 0)
@@ -70,8 +67,6 @@ class Course:
             self.after = [reversals(len(times)) for times in self.turns]
         if not self.held:
             self.held = [np.zeros(len(times), bool) for times in self.turns]
-        if len(self.lawless) != flights:
-            self.lawless = np.zeros(flights, bool)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -81,7 +76,7 @@ class Course:
         arrays = ('shared', 'time', 'x', 'velocity', 'damper_velocity', 'stop', 'begins')
         return replace(
             self,
-            **{name: getattr(self, name).copy() for name in (*arrays, 'measured', 'lawless')},
+            **{name: getattr(self, name).copy() for name in (*arrays, 'measured')},
             turns=[times.copy() for times in self.turns],
             after=[ways.copy() for ways in self.after],
             held=[flags.copy() for flags in self.held],
@@ -106,25 +101,6 @@ class Course:
         self.begins[flight + 1] = True
         self.turns[flight], self.held[flight] = np.zeros(0), np.zeros(0, bool)
         self.after[flight] = reversals(0)
-
-    def select(self, keep: Flags) -> Course:
-        """Return the course without some impacts; joined flights are like the first of them."""
-        index = np.flatnonzero(keep)
-        begins = self.begins[index].copy()
-        begins[0] = True
-        return Course(
-            self.shared,
-            self.time[index],
-            self.x[index],
-            self.velocity[index],
-            self.damper_velocity[index],
-            self.stop[index],
-            begins,
-            self.measured[index],
-            [self.turns[k] for k in index[:-1]],
-            [self.after[k] for k in index[:-1]],
-            [self.held[k] for k in index[:-1]],
-        )
 
     @property
     def structure(self) -> tuple[object, ...]:

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .measured_motion import MeasuredMotion
-from .partition import noise_of
+from .record import noise_of
 from .vibration import Array
 
 #: Tones describe a record if their residual is at most this part of its rms, or this multiple of

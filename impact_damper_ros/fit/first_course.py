@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from itertools import product
+from operator import itemgetter
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,25 +14,20 @@ from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .course import Course
 from .first_guess import regress
-from .partition import Record, fit_vibration, jumps_between, least_cost, partition
+from .impact_search import ImpactSearch, Jumps
+from .record import Record
 from .unknowns import Unknowns, later
 from .vibration import Array, Vibration
 
-#: Penalties: fall of the sum of squares by a further impact, in variances; that where an impact
-#: was measured; and the share of the former while K and C are sought, which missed impacts bias
-#: more than false ones.
-PENALTY, _PENALTY_MEASURED, _SOUGHT = 24.0, 6.0, 0.5
-_ROUNDS = 4
 #: Numbers of phases of the force, and stiffnesses over that of the start, that are tried.
 _PHASES, _STIFFNESSES = 16, (0.96, 0.98, 1.0, 1.02, 1.04)
-#: Samples in a natural period of the thinned record with which phases and units are tried.
-SAMPLES = 20
+#: Samples in a natural period of the thinned record with which phases and units are tried, and
+#: means in that with which K and C are.
+SAMPLES, _MEANS = 20, 40
 #: Stiffnesses and dampings, over those of the start, that are tried where the phase is known.
-GRID = np.linspace(0.95, 1.05, 9), np.array([0.6, 0.77, 1.0, 1.29, 1.67])
+GRID = np.linspace(0.95, 1.05, 11), np.array([0.65, 1.0, 1.6])
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
-#: Changes of K, and of C, after which impacts are searched again.
-_CHANGE, _CHANGE_DAMPING = 1e-3, 2e-2
 
 
 #: Least number of impacts for a fit, and least number of flights from stop to stop.
@@ -68,22 +66,21 @@ def match_times(times: Array, measured: Array, limit: float) -> NDArray[np.int64
     return found
 
 
-def _penalties(record: Record, measured: Array, deviation: float) -> Array:
-    """Return the penalty of a cut before each sample."""
-    cuts = np.full(len(record.time), PENALTY)
-    step = float(np.median(np.diff(record.time)))
-    around = int(np.ceil(2.0 * deviation / step)) if deviation > 0.2 * step else 0
-    at = np.searchsorted(record.time, measured)
-    for shift in range(-around, around + 1):
-        cuts[np.clip(at + shift, 0, len(cuts) - 1)] = _PENALTY_MEASURED
-    return cuts
-
-
 def thin_out(record: Record, rig: RigParameters, samples: int) -> Record:
     """Return the record with about that many samples in a natural period, or with all."""
     step = 2.0 * np.pi / rig.omega / samples / float(np.median(np.diff(record.time)))
     part = slice(None, None, max(1, round(step)))
     return Record(record.time[part], record.motion[part], record.weight[part], record.order)
+
+
+def average(record: Record, rig: RigParameters, deviation: float) -> tuple[Record, float]:
+    """Return the record with means of neighbouring samples, if it has many, and its noise."""
+    step = 2.0 * np.pi / rig.omega / _MEANS / float(np.median(np.diff(record.time)))
+    size = max(1, int(step))
+    whole = len(record.time) // size * size
+    time, motion, weight = (part[:whole].reshape(-1, size) for part in record[:3])
+    means = Record(time.mean(1), motion.mean(1), weight.min(1), record.order)
+    return means, deviation / np.sqrt(size)
 
 
 def guess_of(rig: RigParameters) -> tuple[float, float]:
@@ -105,7 +102,7 @@ def _delay(record: Record, rig: RigParameters, deviation: float) -> tuple[float,
     def cost(tried: tuple[float, float]) -> float:
         delay, stiffness = tried
         vibration = Vibration.of(rig, stiffness, damping, delay)
-        return least_cost(fewer, vibration, deviation, PENALTY)
+        return ImpactSearch(fewer, rig, deviation).find(vibration)
 
     parts = np.arange(_PHASES) / _PHASES
     delays = period * np.where(parts > 0.5, parts - 1.0, parts)
@@ -131,7 +128,11 @@ def first_course(
     impact_deviation: float,
 ) -> Course:
     """
-    Return the course by partition and regression, from the K and C of the rig.
+    Return the course by a search for impacts and regression, from the K and C of the rig.
+
+    Of many K and C those are taken with which the record is explained best by few impacts between
+    which the laws of m hold: with another frequency fewer impacts may explain it, but none of
+    their laws hold.
 
     Raises
     ------
@@ -147,31 +148,38 @@ def first_course(
     if force_delay >= 0:
         late, stiffness = _delay(record, rig, deviation)
         rig = later(rig, late)
-    cuts = _penalties(record, measured, impact_deviation)
-    for _ in range(_ROUNDS):
-        vibration = Vibration.of(rig, stiffness, damping)
-        edges = partition(record, vibration, deviation, cuts * _SOUGHT)
-        before = stiffness, damping
-        stiffness, damping = fit_vibration(record, rig, edges, before, deviation)
-        if (
-            abs(stiffness / before[0] - 1.0) < _CHANGE
-            and abs(damping / before[1] - 1.0) < _CHANGE_DAMPING
-        ):
-            break
-    vibration = Vibration.of(rig, stiffness, damping)
-    edges = partition(record, vibration, deviation, cuts)
-    jumps = jumps_between(record, vibration, edges, measured)
+
+    def search(one: Record, noise: float) -> ImpactSearch:
+        return ImpactSearch(one, rig, noise, measured, impact_deviation)
+
+    fewer, noise = average(record, rig, deviation)
+    rough = search(fewer, noise)
+    tried = []
+    for by_stiffness, by_damping in product(*GRID):
+        vibration = Vibration.of(rig, stiffness * by_stiffness, damping * by_damping)
+        rough.find(vibration)
+        jumps = rough.jumps(vibration)
+        stops = _stops_of(jumps)
+        saved = 0.0
+        if _transits(stops) >= _LEAST_TRANSITS:
+            saved = regress(unknowns, jumps, stops, np.sqrt(vibration.stiffness)).saved
+        tried.append((rough.cost - saved, vibration))
+    vibration = min(tried, key=itemgetter(0))[1]
+    fine = search(record, deviation)
+    fine.find(vibration)
+    jumps = fine.jumps(vibration)
     check_impacts(len(jumps.time))
-    stops = np.where(jumps.jump >= 0.0, 1, -1)
-    if (transits := int((np.diff(stops) != 0).sum())) < _LEAST_TRANSITS:
+    stops = _stops_of(jumps)
+    if (transits := _transits(stops)) < _LEAST_TRANSITS:
         raise UnfitRecordError(
             f'{transits} flights from one stop to the other were found in the record, and the gap '
             f'needs {_LEAST_TRANSITS} at least: shake harder, or record for longer'
         )
-    rate = float(np.sqrt(stiffness / rig.primary_mass))
-    alphas, grip, gap = regress(unknowns, jumps, stops, rate)
+    alphas, grip, gap, _ = regress(unknowns, jumps, stops, np.sqrt(vibration.stiffness))
     gap = max(gap, _LEAST_GAP * float(np.ptp(jumps.x)))
-    shared = unknowns.start(stiffness, damping, alphas, grip, gap)
+    mass = rig.primary_mass
+    known = vibration.stiffness * mass, 2.0 * vibration.decay * mass
+    shared = unknowns.start(*known, alphas, grip, gap)
     if bias >= 0:
         shared[bias] = offset
     if force_delay >= 0:
@@ -190,3 +198,13 @@ def first_course(
         begins,
         match_times(jumps.time, measured, max(6.0 * impact_deviation, 1e-9)),
     )
+
+
+def _stops_of(jumps: Jumps) -> NDArray[np.int64]:
+    """Return the stop of each impact, +1 or -1."""
+    return np.where(jumps.jump >= 0.0, 1, -1)
+
+
+def _transits(stops: NDArray[np.int64]) -> int:
+    """Return the number of flights from one stop to the other."""
+    return int((np.diff(stops) != 0).sum())

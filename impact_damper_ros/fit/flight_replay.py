@@ -8,11 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.event import ROWS_AT_ONCE, Event, EventKind, EventRow, events_of
+from impact_damper_ros.motion.event import (
+    ROWS_AT_ONCE,
+    Event,
+    EventKind,
+    events_of,
+    events_of_table,
+)
 from impact_damper_ros.motion.flight import NO_EVENT
+from impact_damper_ros.motion.kernels import call_kernel, kernel
 from impact_damper_ros.motion.next_event import ALL_STEPS, next_event
+from impact_damper_ros.motion.state import Moving
 from impact_damper_ros.motion.transition import resolve
-from impact_damper_ros.orbits.flights import machine_of, moving_at_impact
+from impact_damper_ros.orbits.flights import machine_of, moving_at_impact, packed_rig
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .vibration import Array
@@ -56,6 +64,20 @@ class Passage(NamedTuple):
         return max(len(self.impacts) - 1, 0)
 
 
+@kernel
+def fly_on(moving: Moving, until: float) -> int:
+    """Let a rig that moves run until an instant, or for as many events as fit in its table."""
+    run = moving.run
+    while run.written + ROWS_AT_ONCE <= run.room:
+        run.steps = ALL_STEPS
+        next_event(moving, until)
+        if run.kind == NO_EVENT or run.tau + run.time > until:
+            break
+        resolve(moving)
+    written: int = run.written
+    return written
+
+
 class FlightReplay:
     """Flights of one rig, computed by the engine."""
 
@@ -68,17 +90,12 @@ class FlightReplay:
         """Return the events in a span after an impact on a stop (+1 or -1)."""
         number = 1 if stop > 0 else 2
         begin = moving_at_impact(self._machine, instant, number, x, velocity, damper)
-        rows = [EventRow() for _ in range(_ROOM)]
-        moving = begin._replace(log=rows)
-        run = moving.run
-        run.room, run.written = _ROOM, 0
-        while run.written + ROWS_AT_ONCE <= _ROOM:
-            run.steps = ALL_STEPS
-            next_event(moving, span)
-            if run.kind == NO_EVENT or run.tau + run.time > span:
-                break
-            resolve(moving)
-        return events_of(rows, run.written)
+        begin.run.room = _ROOM
+        moving = packed_rig(begin, _ROOM)
+        written = call_kernel(fly_on, moving, float(span), what='fit')
+        if isinstance(moving.log, list):
+            return events_of(moving.log, written)
+        return events_of_table(moving.log[:written])
 
 
 def passage(

@@ -18,11 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.linalg.lapack import dgbtrf, dgbtrs
+from scipy.linalg.lapack import dgbtrf
+
+from impact_damper_ros.motion.kernels import call_kernel
 
 from .nodes import V, W
 from .shooting import Equations, Shooting
+from .system_kernels import add_squares, solve_band, write_system
 from .vibration import Array
 
 #: Weight of the squares of the conditions where steps are judged.
@@ -35,6 +37,8 @@ _EXACT = 1e-3
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-11, 1e-9
 #: Regularisation: redundant conditions leave the system regular.
 _GIVE = 1e-13
+#: Laws that are released at a time.
+_AT_ONCE = 16
 #: Largest growth of restitution over speed, v/v_c, after a step.
 _MOST_GROWTH = 0.1
 
@@ -64,51 +68,45 @@ class System:
     """The linear system of one step."""
 
     def __init__(self, equations: Equations, damping: float) -> None:
-        rates, laws = equations.residual_rates, equations.condition_rates
-        size, count = rates.shape[1], len(equations.condition)
-        squares = np.bincount(rates.indices, rates.data**2, size)
-        scale = np.sqrt(squares + 1e-6 * np.bincount(laws.indices, laws.data**2, size))
+        self._equations = equations
+        rows = equations.samples, equations.sample_node, equations.rows, equations.row_node
+        self._size, self._count = equations.size, len(equations.condition)
+        squares = np.zeros((2, self._size))
+        call_kernel(add_squares, *rows, equations.others, squares, what='fit')
+        scale = np.sqrt(squares[0] + 1e-6 * squares[1])
         scale[scale == 0.0] = 1.0
-        self.scale, self._size, self._count = scale, size, count
-        self._rates, self._laws = _scale_columns(rates, scale), _scale_columns(laws, scale)
-        hessian, below = (self._rates.T @ self._rates).tocoo(), self._laws.tocoo()
-        diagonal = damping * (squares / scale**2 + 1e-4)
-        both = np.arange(size + count)
-        self._order = _band_order(equations)
-        place = np.empty_like(both)
-        place[self._order] = both
-        row = place[np.concatenate([hessian.row, below.row + size, below.col, both])]
-        column = place[np.concatenate([hessian.col, below.col, below.row + size, both])]
-        entries = [hessian.data, below.data, below.data, diagonal, np.full(count, -_GIVE)]
-        self._factor(row, column, np.concatenate(entries), size + count - equations.shared)
-
-    def _factor(
-        self, row: NDArray[np.int64], column: NDArray[np.int64], entries: Array, inner: int
-    ) -> None:
-        """Factor the band of the first unknowns, and the Schur complement of the others."""
-        in_band = (row < inner) & (column < inner)
-        apart = row[in_band] - column[in_band]
-        self._reach = reach = int(apart.max())
-        depth, last = 3 * reach + 1, int(column.max()) + 1 - inner
-        at = column[in_band] * depth + 2 * reach + apart
-        band = np.bincount(at, entries[in_band], depth * inner).reshape(inner, depth).T
-        self._band, self._pivots, info = dgbtrf(band, reach, reach, overwrite_ab=True)
+        self.scale = scale
+        self._order, reach = _band_order(equations)
+        places = np.empty_like(self._order)
+        places[self._order] = np.arange(len(places))
+        last, inner = equations.shared, len(places) - equations.shared
+        band, edge = np.zeros((inner, 3 * reach + 1)), np.zeros((inner, last))
+        corner, width = np.zeros((last, last)), equations.samples.shape[1]
+        call_kernel(
+            *(write_system, *rows, equations.others, scale, places),
+            *(np.empty((width, width)), band, edge, corner),
+            what='fit',
+        )
+        diagonal = np.full(len(places), -_GIVE)
+        diagonal[places[: self._size]] = damping * (squares[0] / scale**2 + 1e-4)
+        band[:, 2 * reach] += diagonal[:inner]
+        corner[np.diag_indices(last)] += diagonal[inner:]
+        # The Schur complement of the shared unknowns
+        factors, self._pivots, info = dgbtrf(band.T, reach, reach, overwrite_ab=True)
+        self._band, self._edge, self._places = factors.T, edge, places
         if info > 0:
             raise np.linalg.LinAlgError('the flights do not determine their states')
-        beside = column >= inner
-        at = row[beside] * last + column[beside] - inner
-        sums = np.asarray(np.bincount(at, entries[beside], (inner + last) * last), np.float64)
-        edge = sums.reshape(-1, last)
-        self._edge, corner = edge[:inner], edge[inner:]
-        self._through = self._solve_band(self._edge)
-        self._corner = corner - self._edge.T @ self._through
+        self._through = self._solve_band(edge)
+        self._corner = corner - edge.T @ self._through
 
-    def _solve_band(self, right: Array) -> Array:
-        found, _ = dgbtrs(self._band, self._reach, self._reach, right, self._pivots)
-        return np.asarray(found)
+    def _solve_band(self, right: Array, first: int = 0) -> Array:
+        """Return the solution of the band, from the first row on that is not zero."""
+        found = np.array(right, order='C')
+        call_kernel(solve_band, self._band, self._pivots, first, found, what='fit')
+        return found
 
     def _solve(self, right: Array) -> Array:
-        """Return the solution of the system for right-hand sides, shape (n,) or (n, k)."""
+        """Return the solution of the system for right-hand sides, shape (n, k)."""
         ordered, inner = right[self._order], len(self._edge)
         first = self._solve_band(ordered[:inner])
         last = np.linalg.solve(self._corner, ordered[inner:] - self._edge.T @ first)
@@ -118,9 +116,14 @@ class System:
 
     def step(self, equations: Equations) -> tuple[Array, Array]:
         """Return the step, and the multipliers of the conditions."""
-        right = np.concatenate([-(self._rates.T @ equations.residual), -equations.condition])
-        found = self._solve(right)
+        right = self._right(equations.residual[:, None], equations.condition[:, None])
+        found = -self._solve(right)[:, 0]
         return found[: self._size] / self.scale, found[self._size :]
+
+    def _right(self, residuals: Array, conditions: Array) -> Array:
+        """Return right-hand sides of columns of residuals and conditions."""
+        rows = self._equations.transpose_times(residuals) / self.scale[:, None]
+        return np.concatenate([rows, conditions])
 
     def covariance(self, columns: NDArray[np.int64]) -> Array:
         """Return the covariance of some unknowns."""
@@ -130,49 +133,41 @@ class System:
         covariance: Array = 0.5 * (found + found.T)
         return covariance
 
-    def deviations(self, rates: sparse.csr_array) -> Array:
-        """Return standard deviations of quantities, whose derivatives are rows of a matrix."""
-        right = np.zeros((self._size + self._count, rates.shape[0]))
-        right[: self._size] = rates.multiply(1.0 / self.scale).toarray().T
-        found = self._solve(right)
-        variances: Array = (right * found).sum(0)
-        deviations: Array = np.sqrt(np.maximum(variances, 0.0))
-        return deviations
-
     def profile(self, residual_rates: Array, condition_rates: Array) -> tuple[Array, Array]:
         """
         Return the information on further unknowns, with the others fitted again.
 
         The results are their information matrix, and the changes of all others with them.
         """
-        right = np.vstack([self._rates.T @ residual_rates, condition_rates])
+        right = self._right(residual_rates, condition_rates)
         found = self._solve(right)
         information: Array = residual_rates.T @ residual_rates - right.T @ found
         return information, -found[: self._size] / self.scale[:, None]
 
     def release(self, rows: NDArray[np.int64]) -> Array:
-        """Return the block of the inverse system that belongs to some conditions."""
-        right = np.zeros((self._size + self._count, len(rows)))
-        right[self._size + rows, np.arange(len(rows))] = 1.0
-        found: Array = self._solve(right)[self._size + rows]
-        return found
+        """Return the block of the inverse system that belongs to some conditions, in order."""
+        places = self._places[self._size + rows]
+        right = np.zeros((len(self._band), len(rows)))
+        right[places, np.arange(len(rows))] = 1.0
+        through = self._through[places]
+        block: Array = self._solve_band(right, int(places[0]))[places]
+        return block + through @ np.linalg.solve(self._corner, through.T)
 
 
-def _band_order(equations: Equations) -> NDArray[np.int64]:
-    """Return unknowns and conditions, node by node, with the shared unknowns last."""
-    laws, shared = equations.condition_rates, equations.shared
-    unknowns = np.arange(equations.residual_rates.shape[1])
-    # A condition stands before the unknowns of the last node in it.
-    conditions = laws.indices[laws.indptr[1:] - 1]
-    keys = np.concatenate([2 * ((unknowns - shared) // 5) + 1, 2 * ((conditions - shared) // 5)])
+def _band_order(equations: Equations) -> tuple[NDArray[np.int64], int]:
+    """
+    Return unknowns and conditions, node by node, with the shared unknowns last; and the reach.
+
+    A condition stands before the unknowns of its node. The reach is how far apart an entry joins
+    two of them at most.
+    """
+    shared, nodes = equations.shared, equations.row_node[equations.others :]
+    keys = np.concatenate([2 * ((np.arange(equations.size) - shared) // 5) + 1, 2 * nodes])
     keys[:shared] = keys.max(initial=0) + 1
-    return np.argsort(keys, kind='stable')
-
-
-def _scale_columns(rates: sparse.csr_array, scale: Array) -> sparse.csr_array:
-    """Return a matrix whose columns are divided by scales."""
-    data = rates.data / scale[rates.indices]
-    return sparse.csr_array((data, rates.indices, rates.indptr), shape=rates.shape)
+    most = int(np.bincount(nodes).max(initial=0))
+    # Soft laws join the unknowns of two nodes.
+    soft = (equations.rows[: equations.others, :5] != 0.0).any()
+    return np.argsort(keys, kind='stable'), most + (9 if soft else 4)
 
 
 def _is_allowed(shooting: Shooting, u: Array) -> bool:
@@ -258,10 +253,18 @@ def gains_of_release(shooting: Shooting, solution: FitSolution) -> Array:
     gains = np.zeros(len(shooting.course) - 1)
     if not len(rows):
         return gains
-    inverse = -system.release(rows)
-    for k in np.unique(flights[rows]):
-        own = np.flatnonzero(flights[rows] == k)
-        block = 0.5 * (inverse[np.ix_(own, own)] + inverse[np.ix_(own, own)].T)
-        m = multipliers[rows[own]]
-        gains[k] = m @ np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ m
+    flights, starts, sizes = np.unique(flights[rows], return_index=True, return_counts=True)
+    # The laws of each flight; where it has fewer than others, zeros beside them
+    blocks = np.zeros((len(flights), int(sizes.max()), int(sizes.max())))
+    pulls = np.zeros(blocks.shape[:2])
+    for few in np.array_split(np.arange(len(flights)), -(-len(rows) // _AT_ONCE)):
+        own = slice(starts[few[0]], starts[few[-1]] + sizes[few[-1]])
+        inverse = -system.release(rows[own])
+        for k in few.tolist():
+            at, size = starts[k] - own.start, sizes[k]
+            block = inverse[at : at + size, at : at + size]
+            blocks[k, :size, :size] = 0.5 * (block + block.T)
+            pulls[k, :size] = multipliers[rows[starts[k] : starts[k] + size]]
+    inverses = np.linalg.pinv(blocks, rcond=1e-9, hermitian=True)
+    gains[flights] = np.einsum('ki,kij,kj->k', pulls, inverses, pulls)
     return gains

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .course import Course
+from .node_kernels import AT, HIT, OFFSET, PLACE_M, RELEASES, REVERSES, SPEED_D, SPEED_M, STAYS
 
 #: Unknowns of a node: instant, X, X' and Z' just after it, and Y.
-T, X, V, W, Y = range(5)
+T, X, V, W, Y = AT, PLACE_M, SPEED_M, SPEED_D, OFFSET
 
 
 class Nodes:
@@ -34,8 +34,8 @@ class Nodes:
         Whether m sticks after each node.
     held_at : ndarray
         Instant of a turn that keeps it, NaN at other nodes.
-    lawless_ends : ndarray of bool
-        Whether the flight that ends at each of `ends` obeys no law of m.
+    demands : ndarray of int
+        What each node demands, see `node_kernels`.
     holds : ndarray, shape (n, 2)
         Unknowns that keep their start value, since no equation determines them: node, coordinate.
     """
@@ -59,6 +59,9 @@ class Nodes:
             self.held_at[~hit] = np.where(held, times, np.nan)
             after[~hit] = np.concatenate(course.after)
         self.direction, self.sticks = -self.last_stop * after, after == 0.0
+        self.demands = np.where(np.append(False, self.sticks[:-1]), RELEASES, REVERSES)
+        self.demands[np.isfinite(self.held_at)] = STAYS
+        self.demands[hit] = HIT
         counts = np.zeros(n, bool)
         counts[1:] = course.flies[self.flight[:-1]]
         self.ends = np.flatnonzero(counts)
@@ -69,20 +72,6 @@ class Nodes:
         counts_after[:-1] = counts[1:]
         self.counts_after = counts_after
         self.lone = np.flatnonzero(~counts & ~counts_after)
-        lawless = np.append(course.lawless, False)[self.flight]
-        self.lawless_ends = np.append(False, lawless[:-1])[self.ends]
-        self.holds = self._find_holds(counts, counts_after, lawless)
-
-    def _find_holds(
-        self,
-        counts: NDArray[np.bool_],
-        counts_after: NDArray[np.bool_],
-        lawless: NDArray[np.bool_],
-    ) -> NDArray[np.int64]:
-        """Return nodes and coordinates that no equation determines."""
-        holds = [(node, what) for node in self.lone for what in (T, X, V, W)]
-        begins = ~counts & counts_after & lawless
-        holds += [(node, W) for node in np.flatnonzero(begins)]
-        ends = counts & ~counts_after & np.append(False, lawless[:-1])
-        holds += [(node, V) for node in np.flatnonzero(ends)]
-        return np.array(holds, np.int64).reshape(-1, 2)
+        self.holds = np.array(
+            [(node, what) for node in self.lone for what in (T, X, V, W)], np.int64
+        ).reshape(-1, 2)

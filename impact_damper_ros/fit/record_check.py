@@ -12,7 +12,7 @@ from impact_damper_ros.parameters.base_motion import ORDERS
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 from .measured_motion import MeasuredMotion
-from .partition import noise_of
+from .record import noise_of
 from .vibration import Array, Vibration
 
 _LEAST_SAMPLES, _LEAST_PER_PERIOD = 50, 8.0

@@ -12,8 +12,7 @@ from .constant_estimates import ConstantEstimates, own_covariance
 from .contradictions import without_contradictions
 from .course import Course
 from .first_course import WRONG_RIG, UnfitRecordError
-from .partition import Record, noise_between, noise_of
-from .relaxation import relax
+from .record import Record, noise_between, noise_of
 from .revision import Revised, revise
 from .shooting import Shooting
 from .unknowns import Unknowns
@@ -109,7 +108,6 @@ class RecordFit:
         ParameterError, RuntimeError, LinAlgError
             If no rig moves as recorded (`NO_SUCH_RIG`).
         """
-        course = relax(course, self._problem, timed=len(self._times) > 0)
         self._noise = max(self._noise_left(self._problem(course)), _LEAST_NOISE * self._swing)
         self.found = self._revise(course)
         # Weights of data and of impact times by the noise of the residuals

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from impact_damper_ros.motion.event import Event, EventKind
+from impact_damper_ros.motion.state import SLIDE_DOWN, SLIDE_UP
 
 from .contradictions import contradiction_of
 from .course import Counts, Course, Flags, reversals
@@ -40,6 +41,8 @@ _OFTEN = 2
 _MISFIT = 3.0
 #: Why a flight is left out that the engine makes as measured, but the equations do not have.
 RESTS = 'm rests on a stop in it'
+#: Direction in which m moves relative to M.
+_DIRECTIONS = {SLIDE_DOWN: 1, SLIDE_UP: -1}
 #: Least time between two nodes, s.
 _LEAST_SPAN = 2e-6
 
@@ -137,22 +140,10 @@ class ReplayedCourse:
         for event in events:
             if event.kind is EventKind.IMPACT:
                 way, stop = 1, event.side
-            elif event.kind is EventKind.STICK:
-                way = 0
-            elif event.kind is EventKind.RELEASE:
-                way = stop if self._held_up(event) + stop * self.unknowns.air > 0.0 else -stop
-            else:
-                way = -way
+            elif event.kind in TURNS:
+                way = -stop * _DIRECTIONS.get(event.mode, 0)
             ways.append(way)
         return ways
-
-    def _held_up(self, event: Event) -> float:
-        """Return the acceleration of m, with M, that it would not have without friction, m/s^2."""
-        unknowns = self.unknowns
-        at, x, v, _ = (np.array([value]) for value in _row_of(self.impacts[-1].time, event))
-        vibration = self.shooting.vibration(self.course.shared, joint=True)
-        push = np.array([unknowns.share * unknowns.slope])
-        return float(vibration.acceleration(at, x, v, push)[0]) - unknowns.slope
 
     def _fly(self, k: int) -> int:
         """Add the flight from an impact, and return the impact of the course where it ends."""
@@ -189,11 +180,11 @@ class ReplayedCourse:
         states = [last.row, *(_row_of(begin, event) for event in found.events)]
         rows = np.array(states)
         inside = slice(*np.searchsorted(record.time, [begin, end]))
-        time, weight = record.time[inside], shooting.weight[inside]
+        times, weight = record.time[inside], shooting.weight[inside]
         if not weight.any():
             return 0.0
-        node = np.clip(np.searchsorted(rows[:, 0], time, side='right') - 1, 0, len(rows) - 2)
-        signal = shooting.signal(shared, rows[:-1], pushes, direction == 0.0, node, inside)
+        flights = rows[:-1], pushes, direction == 0.0
+        signal, _ = shooting.signal([shared], *flights, times, record.order)
         left = (shooting.sense(shared, signal) - record.motion[inside]) * weight
         return float(np.sqrt(left @ left / (weight > 0.0).sum()))
 

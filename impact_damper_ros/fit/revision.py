@@ -18,6 +18,7 @@ import numpy as np
 from .contradictions import (
     CONTRADICTION,
     MOST_GAIN,
+    Problem,
     contradiction_of,
     gains_of,
     to_release,
@@ -26,7 +27,6 @@ from .contradictions import (
 from .course import Course, Flags
 from .first_course import WRONG_RIG, UnfitRecordError
 from .gauss_newton import FitSolution, solve
-from .relaxation import Problem
 from .replayed_course import RESTS, Memory, ReplayedCourse
 from .shooting import Shooting
 from .vibration import Array

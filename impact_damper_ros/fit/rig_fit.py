@@ -4,9 +4,9 @@ A rig fitted to measured data.
 
 For given K, C and instants of impacts the motion of M is linear in its state after each of them,
 whatever m does, and the laws of m are linear in restitution, friction and gap. The parameters are
-therefore found in steps: impacts, K and C from M alone (`partition`); the parameters of m by a
-linear regression (`first_guess`); all at once with the laws, at first softly (`relaxation`); and
-then in turns with a replay of each flight by the exact engine (`revision`), until nothing changes.
+therefore found in steps: impacts, K and C from M alone (`impact_search`); the parameters of m by a
+linear regression (`first_guess`); and all at once with the laws, in turns with a replay of each
+flight by the exact engine (`revision`), until nothing changes.
 Intervals are those of the linearised model with the noise of the residuals.
 """
 
@@ -31,6 +31,7 @@ from .candidates import (
     Candidate,
     base_of,
     misreading,
+    one_vibration,
     wrong_file,
 )
 from .estimate import Estimate
@@ -38,7 +39,7 @@ from .excitation import ExcitationError, with_excitation
 from .first_course import WRONG_RIG, UnfitRecordError, clock_offset_of, first_course
 from .measured_motion import MeasuredMotion
 from .parameter_estimates import Correlations, estimates_of
-from .partition import Record
+from .record import Record
 from .record_check import faults_of
 from .record_fit import NO_SUCH_RIG, OtherLawError, RecordFit, rough_noise
 from .revision import UNCONFIRMED, Revised
@@ -55,6 +56,8 @@ FURTHER = (
 _FAR = 1e4
 #: A constant is far off beyond so many of its assumed deviations.
 _FAR_MOVED = 3.0
+#: A time is that of an impact within so many of its deviations, if more than this part of all are.
+_NEAR, _MOST = 6.0, 0.8
 #: A delay within so much of half a period, in periods, is another sign.
 _HALF = 0.01
 
@@ -305,7 +308,8 @@ def _fit(
 
     offset = clock_offset_of(record, start) if 'bias' in extras else 0.0
     level = record._replace(motion=record.motion - offset * record.weight)
-    if cause := misreading(level, start, noise):
+    # Where no impacts show, a search finds some in the noise.
+    if cause := misreading(level, start, noise) or one_vibration(level, start, noise, 1.0):
         return _refusal(measured, [cause])
     try:
         fit = RecordFit(record, unknowns, times, deviation)
@@ -328,6 +332,9 @@ def _fit(
             measured._replace(impact_times=None), start, [*also, 'force_delay'], uncertain
         )
         if without.accepted:
+            if _are_right(times, without.impacts['time'], deviation):
+                remark = 'the impact times agree with the fit, and are not used in it'
+                return without._replace(remarks=[*without.remarks, remark])
             clock = _clock(times, without.impacts['time'])
             cause = f'without the impact times the record is accepted: {clock}'
     elif other:
@@ -339,6 +346,14 @@ def _fit(
             turns = with_it.parameters['force_delay'].value * start.first_harmonic[1] / math.tau
             cause = REVERSED if abs(turns % 1.0 - 0.5) < _HALF else cause
     return found._replace(reasons=[cause, *found.reasons]) if cause else found
+
+
+def _are_right(times: Array, impacts: Array, deviation: float) -> bool:
+    """Return whether most measured times are those of impacts, and not late or early."""
+    nearest = np.abs(times[:, None] - impacts).argmin(1)
+    late = times - impacts[nearest]
+    near = np.abs(late) < _NEAR * deviation
+    return bool(near.mean() > _MOST and abs(np.median(late[near])) < deviation)
 
 
 def _explains_record(found: RigFit) -> bool:

@@ -19,28 +19,41 @@ are imposed exactly, or at first softly, with a deviation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
-from impact_damper_ros.orbits.response import unit_response
+from impact_damper_ros.motion.kernels import call_kernel
 
 from .course import Course
+from .node_kernels import (
+    ARRIVALS,
+    HIT,
+    PAIR,
+    RELEASES,
+    REVERSES,
+    STAYS,
+    write_condition_rates,
+    write_conditions,
+)
 from .node_motion import NodeMotion
-from .nodes import T, V, W, X, Y
-from .partition import Record
+from .nodes import T, Y
+from .record import Record
+from .sample_kernels import SAMPLE
+from .system_kernels import add_transposed
 from .unknowns import Unknowns
-from .vibration import Array, Vibration
+from .vibration import Array
 
-#: Conditions of a flight: X, X', Z', Y at its end, and the last law.
-_AT_X, _AT_V, _AT_W, _AT_Y, _LAST = range(5)
+#: Conditions of a flight: the law of the velocities at its end, that of Y, and the last one.
+_AT_V, _AT_Y, _LAST = 1, 3, 4
 #: A friction that is zero, m/s^2.
 _NO_GRIP = 1e-6
-#: Step of derivatives by K, C and the delay, in natural units.
-_STEP = 1e-6
+#: Step of derivatives by K, C and the delay, in natural units, and of those by friction, which are
+#: the same for all steps, in the largest acceleration.
+_STEP, _STEP_OF_GRIP = 1e-7, 1e-2
 #: A speed at which restitution is that at rest, m/s; and iterations of the speed of a jump.
 _LEAST_SPEED, _TURNS = 1e-9, 12
 
@@ -55,17 +68,58 @@ class Equations(NamedTuple):
         Residuals of the data and of impact times, over their deviations; then soft laws.
     condition : ndarray
         Conditions that must be zero, in standard deviations of the data.
-    residual_rates, condition_rates : sparse matrix
-        Derivatives by the unknowns; the columns of a row rise.
-    shared : int
-        Number of unknowns that belong to no node; they come first, then five of each node.
+    samples : ndarray, shape (n, 3 + s)
+        Derivatives of the residuals of the data by instant, X and X' of the node before, and by
+        the s shared unknowns.
+    sample_node : ndarray of int, shape (n,)
+        The node before each sample.
+    rows : ndarray, shape (r + c, 10 + s)
+        Derivatives of the other r residuals and of the c conditions by the unknowns of the node
+        before, of the node, and by the shared ones.
+    row_node : ndarray of int, shape (r + c,)
+        The node to which each of these belongs.
+    size, shared : int
+        Number of unknowns, and of those that belong to no node: they come first, then five of
+        each node.
     """
 
     residual: Array
     condition: Array
-    residual_rates: sparse.csr_array
-    condition_rates: sparse.csr_array
+    samples: Array
+    sample_node: NDArray[np.int64]
+    rows: Array
+    row_node: NDArray[np.int64]
+    size: int
     shared: int
+
+    @property
+    def others(self) -> int:
+        """Number of residuals that belong to no sample."""
+        return len(self.residual) - len(self.samples)
+
+    def changes(self, step: Array) -> tuple[Array, Array]:
+        """Return the changes of residuals and conditions with a step of the unknowns."""
+        shared, states = step[: self.shared], step[self.shared :].reshape(-1, 5)
+        both = np.concatenate([np.roll(states, 1, axis=0), states], axis=1)
+        found = np.concatenate(
+            [
+                np.sum(self.samples[:, :3] * states[self.sample_node, :3], axis=1)
+                + self.samples[:, 3:] @ shared,
+                np.sum(self.rows[:, :10] * both[self.row_node], axis=1)
+                + self.rows[:, 10:] @ shared,
+            ]
+        )
+        return found[: len(self.residual)], found[len(self.residual) :]
+
+    def transpose_times(self, right: Array) -> Array:
+        """Return the products of the transposed derivatives of residuals with columns."""
+        found = np.zeros((self.size, right.shape[1]))
+        call_kernel(
+            *(add_transposed, self.samples, self.sample_node, self.rows, self.row_node),
+            *(np.ascontiguousarray(right), found),
+            what='fit',
+        )
+        return found
 
 
 class Further(NamedTuple):
@@ -125,111 +179,88 @@ class Shooting(NodeMotion):
             weight = weight * (near > masked)
         super().__init__(record, unknowns, course, impact_times, weight)
 
-    def jump_rates(self, u: Array) -> sparse.csr_array:
-        """Return derivatives of the jumps; 0 where a part begins."""
-        end, columns, _ = self._end_rates(u)
-        hit = np.flatnonzero(self.kind[self.ends])
-        rates = -end[hit, 1]
-        rates[:, 5 + V] += 1.0
-        inner = _sparse(rates, columns[hit], self.size)
-        place = sparse.csr_array(
-            (np.ones(len(hit)), (self.impact_of[self.ends[hit]], np.arange(len(hit)))),
-            shape=(len(self.course), len(hit)),
-        )
-        return sparse.csr_array(place @ inner)
-
     @property
     def freedom(self) -> int:
         """Number of unknowns less number of conditions."""
         conditions = 5 * len(self.ends) + len(self.firsts) + len(self.holds)
-        return self.size - conditions + len(self._void_rows)
+        return self.size - conditions
 
     @cached_property
     def _varied(self) -> dict[int, float]:
-        """Shared unknowns by which derivatives are taken by differences, and the steps."""
+        """Shared unknowns by which derivatives are taken by differences, friction last; steps."""
         mass = self.unknowns.rig.primary_mass
-        steps = {0: _STEP * mass * self.rate**2, 1: _STEP * mass * self.rate}
-        delay = self.unknowns.column('force_delay')
-        return steps | ({delay: _STEP / self.rate} if delay >= 0 else {})
+        column, fastest = self.unknowns.column, float(np.abs(self.course.velocity).max())
+        steps = {
+            0: _STEP * mass * self.rate**2,
+            1: _STEP * mass * self.rate,
+            column('force_delay'): _STEP / self.rate,
+            column('grip'): _STEP_OF_GRIP * self.rate * fastest,
+        }
+        return {place: step for place, step in steps.items() if place >= 0}
 
     def residual(self, u: Array, soft: float = 0.0) -> tuple[Array, Array]:
         """Return residuals and conditions, as in `Equations`."""
-        return self._split(soft, self._data(u), self._others(u), self._conditions(u))
+        shared, states = self.parts(u)
+        arrivals = self._fly([shared], states)[0]
+        conditions = self._conditions(u, arrivals, self._alphas(u, arrivals))
+        return self._split(soft, u, self._data(u), conditions)
 
     def equations(self, u: Array, soft: float = 0.0) -> Equations:
         """Return residuals and conditions with their derivatives."""
-        conditions = self._conditions(u)
-        residual, condition = self._split(soft, self._data(u), self._others(u), conditions)
-        blocks, columns = self._condition_rates(u)
-        laws = self._law_rows if soft else np.zeros(len(conditions), bool)
-        all_rates = _sparse(blocks, columns, self.size)
-        rates = [self._data_rates(u), self._time_rates()]
+        rigs = self._varied_rigs(u)
+        arrivals, alphas, rates = self._flown_rates(u, rigs)
+        data, samples, node = self._data_rates(u, rigs)
+        conditions = self._conditions(u, arrivals, alphas)
+        residual, condition = self._split(soft, u, data, conditions)
+        laws = self._law_rows if soft else np.zeros(len(rates), bool)
+        timed = self.impacts[self._timed]
+        others = np.zeros((len(timed) + self.frictionless, PAIR + self.count))
+        others[: len(timed), 5 + T] = 1.0 / max(self.impact_deviation, 1e-12)
         if self.frictionless:
-            rates.append(_sparse(np.ones((1, 1)) / _NO_GRIP, self._grip_at, self.size))
-        if soft:
-            rates.append(all_rates[laws] / soft)
+            others[-1, PAIR + self.unknowns.column('grip')] = 1.0 / _NO_GRIP
+        nodes = self._row_nodes
         return Equations(
             residual,
             condition,
-            sparse.csr_array(sparse.vstack(rates)),
-            sparse.csr_array(all_rates[~laws]),
+            samples,
+            node,
+            np.concatenate([others, rates[laws] / (soft or 1.0), rates[~laws]]),
+            np.concatenate([timed, self.firsts[: self.frictionless], nodes[laws], nodes[~laws]]),
+            self.size,
             self.count,
         )
 
-    def _split(
-        self, soft: float, data: Array, others: Array, conditions: Array
-    ) -> tuple[Array, Array]:
-        if not soft:
-            return np.concatenate([data, others]), conditions
-        laws = self._law_rows
-        return np.concatenate([data, others, conditions[laws] / soft]), conditions[~laws]
-
-    @property
-    def _grip_at(self) -> NDArray[np.int64]:
-        return np.array([[self.unknowns.column('grip')]])
-
-    def _others(self, u: Array) -> Array:
-        """Return residuals of impact times, and of a friction that is fixed at zero."""
+    def _split(self, soft: float, u: Array, data: Array, conditions: Array) -> tuple[Array, Array]:
+        """Return residuals and conditions, with soft laws among the residuals."""
         grip = [u[self.unknowns.column('grip')] / _NO_GRIP] if self.frictionless else []
-        return np.concatenate([self._times(u), np.array(grip)])
+        parts = [data, self._times(u), np.array(grip)]
+        if not soft:
+            return np.concatenate(parts), conditions
+        laws = self._law_rows
+        return np.concatenate([*parts, conditions[laws] / soft]), conditions[~laws]
 
     def _data(self, u: Array) -> Array:
         shared, states = self.parts(u)
-        node, inside = self._node_of_samples(states)
-        left = self.sense(shared, self._signal(shared, states, node)) - self.record.motion
+        signal, _, inside = self._signal([shared], states)
+        left = signal - self.record.motion
         if self.further is not None:
             left = left + self.further.signal
         return np.where(inside, left, 0.0) * self.weight
 
-    def _data_rates(self, u: Array) -> sparse.csr_array:
-        """Return derivatives of the residuals of the samples."""
-        shared, states = self.parts(u)
-        record, value = self.record, self.unknowns.value
-        node, inside = self._node_of_samples(states)
-        time, nodes = record.time, np.arange(self.count_of_nodes)
-        push, _ = self._pushes(value(shared, 'grip'), nodes)
-        span = time - states[node, T]
-        start = self._acceleration(shared, states, push, nodes)
-        x_rate, v_rate, by_push = self._rates_of(shared, span, record.order, node)
-        signal = self._signal(shared, states, node)
+    def _data_rates(
+        self, u: Array, rigs: Sequence[Array]
+    ) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Return the residuals of the samples, their derivatives, and the nodes before them."""
+        column = self.unknowns.column
+        varied = {k: step for k, step in self._varied.items() if k != column('grip')}
+        rates = np.zeros((len(self.record.time), SAMPLE + self.count))
+        more = rates, [column('grip'), *varied], [1.0, *varied.values()]
+        signal, node, inside = self._signal(rigs[: 1 + len(varied)], self.parts(u)[1], *more)
+        if (place := column('bias')) >= 0:
+            rates[:, SAMPLE + place] = 1.0
         weight = np.where(inside, self.weight, 0.0)
-        rates = np.zeros((len(time), 3 + self.count))
-        rates[:, 0] = -(x_rate * states[node, V] + v_rate * start[node]) * weight
-        rates[:, 1], rates[:, 2] = x_rate * weight, v_rate * weight
-        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
-        own = rates[:, 3:]
-        if (column := self.unknowns.column('grip')) >= 0:
-            own[:, column] = by_push * ratio * self.direction[node] * weight
-        for column, step in self._varied.items():
-            other = shared.copy()
-            other[column] += step
-            own[:, column] = (self._signal(other, states, node) - signal) / step * weight
-        if (column := self.unknowns.column('bias')) >= 0:
-            own[:, column] = weight
-        columns = np.empty((len(time), 3 + self.count), np.int64)
-        columns[:, :3] = self.count + 5 * node[:, None] + np.array([T, X, V])
-        columns[:, 3:] = np.arange(self.count)
-        return _sparse(rates, columns, self.size)
+        rates *= weight[:, None]
+        return (signal - self.record.motion) * weight, rates, node
 
     @cached_property
     def _timed(self) -> NDArray[np.int64]:
@@ -243,26 +274,15 @@ class Shooting(NodeMotion):
         left: Array = (fitted - measured) / max(self.impact_deviation, 1e-12)
         return left
 
-    def _time_rates(self) -> sparse.csr_array:
-        nodes = self.impacts[self._timed]
-        rates = np.full((len(nodes), 1), 1.0 / max(self.impact_deviation, 1e-12))
-        return _sparse(rates, (self.count + 5 * nodes + T)[:, None], self.size)
-
     @cached_property
     def _law_rows(self) -> NDArray[np.bool_]:
         """Which conditions are laws of m, not of M."""
-        impact = self.kind[self.ends] != 0
+        demands = self.demands[self.ends]
         rows = np.zeros((len(self.ends), 5), bool)
-        rows[impact, _AT_V] = rows[impact, _AT_Y] = True
-        rows[~impact & ~self._held, _LAST] = True
-        rows.ravel()[self._void_rows] = False
+        rows[:, _AT_V] = rows[:, _AT_Y] = demands == HIT
+        rows[:, _LAST] = (demands == REVERSES) | (demands == RELEASES)
         others = np.zeros(len(self.firsts) + len(self.holds), bool)
         return np.concatenate([rows.ravel(), others])
-
-    @cached_property
-    def _held(self) -> NDArray[np.bool_]:
-        held: NDArray[np.bool_] = np.isfinite(self.held_at[self.ends])
-        return held
 
     @cached_property
     def law_flights(self) -> NDArray[np.int64]:
@@ -272,89 +292,60 @@ class Shooting(NodeMotion):
         return np.where(self._law_rows, np.concatenate([flights, others]), -1)
 
     @cached_property
+    def _row_nodes(self) -> NDArray[np.int64]:
+        """The node of each condition."""
+        return np.concatenate([np.repeat(self.ends, 5), self.firsts, self.holds[:, 0]])
+
+    @cached_property
     def _units(self) -> Array:
         """Size of each condition of a flight, per standard deviation of the data."""
         length, speed = self.length, self.length * self.rate
         units = np.array([length, speed, speed, length, length])
         table = np.broadcast_to(units, (len(self.ends), 5)).copy()
-        impact = self.kind[self.ends] != 0
-        table[~impact & ~self._held, _LAST] = speed
-        table[~impact & self._held, _LAST] = 1e-3 / self.rate
-        table[self.released, _LAST] = speed * self.rate
+        last = np.array([length, speed, speed * self.rate, 1e-3 / self.rate])
+        table[:, _LAST] = last[self.demands[self.ends]]
         return table
 
     @cached_property
     def released(self) -> NDArray[np.int64]:
         """Those of `ends` at which friction lets m go, unless their instant is held."""
-        return np.flatnonzero(self.sticks[self.ends - 1] & ~self._held)
-
-    def _excess(self, shared: Array, arrival: Array) -> Array:
-        """Return how far friction is beyond its limit at releases, per mass of m, m/s^2."""
-        ends = self.ends[self.released]
-        _, pull = self._pushes(self.unknowns.value(shared, 'grip'), ends)
-        push, _ = self._pushes(0.0, ends - 1)
-        return pull - self._acceleration(shared, arrival[self.released], push, ends - 1)
-
-    def _acceleration(
-        self, shared: Array, states: Array, push: Array, node: NDArray[np.int64]
-    ) -> Array:
-        """Return X'' in states of the flights after nodes."""
-        return self._by_vibration(
-            shared,
-            self.sticks[node],
-            lambda one: one.acceleration(states[:, T], states[:, X], states[:, V], push),
-        )
-
-    def _rates_of(self, shared: Array, span: Array, order: int, node: NDArray[np.int64]) -> Array:
-        """Return `_rates_of` of the vibrations after nodes, shape (3, n)."""
-        return self._by_vibration(
-            shared, self.sticks[node], lambda one: np.array(_rates_of(one, span, order))
-        )
+        return np.flatnonzero(self.demands[self.ends] == RELEASES)
 
     def in_units(self, rows: Array) -> Array:
-        """Return conditions of flights in their units; those that demand nothing are zero."""
-        scaled = rows / self._units
-        scaled.ravel()[self._void_rows] = 0.0
-        return scaled
+        """Return conditions of flights in their units."""
+        return np.asarray(rows / self._units)
 
-    def _conditions(self, u: Array) -> Array:
+    def _alphas(self, u: Array, arrivals: Array) -> Array:
+        """Return `Unknowns.alpha_at` at the ends of flights, shape (ends, 4)."""
+        shared = self.parts(u)[0]
+        alpha, approach = shared[self.alpha_column[self.ends]], arrivals[self.ends - 1, 3]
+        speed = np.maximum(np.abs(approach), _LEAST_SPEED)
+        return np.stack(self.unknowns.alpha_at(shared, alpha, speed), axis=1)
+
+    def _conditions(self, u: Array, arrivals: Array, alphas: Array) -> Array:
+        """Return the conditions, by what the flights arrive with."""
         shared, states = self.parts(u)
-        ends = self.ends
-        gap = self.unknowns.value(shared, 'gap')
-        after, impact = states[ends], self.kind[ends] != 0
-        before = states[ends - 1], after[:, T], ends - 1
-        x, v, w, y = self._flown(shared, *before)
-        excess = self._excess(shared, np.stack([after[:, T], x, v], axis=1))
+        ends, unknowns = self.ends, self.unknowns
+        gap = unknowns.value(shared, 'gap')
         if self.further is not None:
-            sticks = self.sticks[ends - 1]
-            x, y = x + self.further.x, y - np.where(sticks, 0.0, self.further.x)
-            w = w + np.where(sticks, self.further.velocity, 0.0)
-            v = v + self.further.velocity
-            excess = excess - self.further.acceleration[self.released]
-        jump = after[:, V] - v
-        alpha, *_ = self._alphas(shared, w - v)
-        ratio = self.unknowns.rig.primary_mass / self.unknowns.rig.damper_mass
+            arrivals, sticks = arrivals.copy(), self.sticks[ends - 1]
+            arrivals[ends - 1, 0] += self.further.x
+            arrivals[ends - 1, 1] += self.further.velocity
+            arrivals[ends - 1, 2] -= np.where(sticks, 0.0, self.further.x)
+            arrivals[ends - 1, 3] -= np.where(sticks, 0.0, self.further.velocity)
+            arrivals[ends - 1, 4] += self.further.acceleration
+        own = self.direction * unknowns.value(shared, 'grip') + self.last_stop * unknowns.air
+        targets = np.where(self.demands == STAYS, self.held_at, unknowns.slope - own)
         values = np.empty((len(ends), 5))
-        values[:, _AT_X] = x - after[:, X]
-        values[:, _AT_V] = np.where(impact, w - v - alpha * jump, v - after[:, V])
-        thrown = after[:, W] - v - (alpha - ratio) * jump
-        values[:, _AT_W] = np.where(impact, thrown, w - after[:, W])
-        values[:, _AT_Y] = y - after[:, Y]
-        values[:, _LAST] = np.where(
-            impact,
-            after[:, Y] - 0.5 * gap * self.kind[ends],
-            np.where(self._held, after[:, T] - self.held_at[ends], w - v),
+        ratio = unknowns.rig.primary_mass / unknowns.rig.damper_mass
+        call_kernel(
+            *(write_conditions, states, arrivals, ends, self.demands, self.last_stop, targets),
+            *(alphas, ratio, gap, self._units, values),
+            what='fit',
         )
-        values[self.released, _LAST] = excess
         firsts = states[self.firsts, Y] - 0.5 * gap * self.kind[self.firsts]
         held = states[self.holds[:, 0], self.holds[:, 1]] - self._hold_values
-        rows = self.in_units(values).ravel()
-        return np.concatenate([rows, firsts / self.length, held / self._hold_units])
-
-    def _alphas(self, shared: Array, approach: Array) -> tuple[Array, Array, Array, Array]:
-        """Return `Unknowns.alpha_at` at the ends of flights."""
-        alpha = shared[self.alpha_column[self.ends]]
-        return self.unknowns.alpha_at(shared, alpha, np.maximum(np.abs(approach), _LEAST_SPEED))
+        return np.concatenate([values.ravel(), firsts / self.length, held / self._hold_units])
 
     def speeds(self, u: Array) -> Array:
         """Return the speeds at which m approaches the stops, by the jumps of X'."""
@@ -367,165 +358,43 @@ class Shooting(NodeMotion):
         return np.asarray(speed)
 
     @cached_property
-    def _void_rows(self) -> NDArray[np.int64]:
-        """Conditions of flights without laws, which are set to zero."""
-        rows = np.zeros((len(self.ends), 5), bool)
-        void = self.lawless_ends & (self.kind[self.ends] != 0)
-        rows[void, _AT_V] = rows[void, _AT_Y] = True
-        return np.flatnonzero(rows.ravel())
-
-    @cached_property
     def _hold_units(self) -> Array:
         speed = self.length * self.rate
         units = np.array([1.0 / self.rate, self.length, speed, speed, self.length])
         return units[self.holds[:, 1]]
 
-    def _end_rates(self, u: Array) -> tuple[Array, NDArray[np.int64], tuple[Array, Array]]:
+    def _varied_rigs(self, u: Array) -> list[Array]:
+        """Return the shared unknowns, and those with each of `_varied` changed by its step."""
+        shared = self.parts(u)[0]
+        rigs = [shared.copy() for _ in range(1 + len(self._varied))]
+        for rig, (place, step) in zip(rigs[1:], self._varied.items(), strict=True):
+            rig[place] += step
+        return rigs
+
+    def _flown_rates(self, u: Array, rigs: Sequence[Array]) -> tuple[Array, Array, Array]:
         """
-        Return derivatives of X, X', Z', Y and X'' just before the nodes that end a flight.
+        Return what the flights arrive with, alphas, and derivatives of conditions.
 
-        Derivatives are by the five unknowns of the node before, those of the node, and the shared
-        ones; their columns, and X' and Z', are returned, too.
+        The derivatives are rows of `Equations`.
         """
-        shared, states = self.parts(u)
-        ends, count = self.ends, self.count
-        before, after = states[ends - 1], states[ends]
-        n = len(ends)
-        grip, sticks = self.unknowns.value(shared, 'grip'), self.sticks[ends - 1]
-        flown = before, after[:, T], ends - 1
-        x, v, w, _ = self._flown(shared, *flown)
-        push, pull = self._pushes(grip, ends - 1)
-        span = after[:, T] - before[:, T]
-        end = np.zeros((n, 5, 10 + count))
-        arrival = np.stack([after[:, T], x, v], axis=1)
-        start, last = (self._acceleration(shared, at, push, ends - 1) for at in (before, arrival))
-        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
-        direction, column = self.direction[ends - 1], self.unknowns.column('grip')
-        grip_at = [10 + column] if column >= 0 else []
-        for order in range(2 + bool(len(self.released))):
-            by_x, by_v, by_push = self._rates_of(shared, span, order, ends - 1)
-            row = end[:, 4 if order == 2 else order]
-            row[:, T] = -(by_x * before[:, V] + by_v * start)
-            row[:, X], row[:, V] = by_x, by_v
-            row[:, grip_at] = (by_push * ratio * direction)[:, None]
-        end[:, 0, 5 + T], end[:, 1, 5 + T] = v, last
-        end[:, 4, 5 + T] = self._by_vibration(
-            shared, sticks, lambda one: one.jerk(after[:, T], v, last)
+        states = self.parts(u)[1]
+        ends, unknowns, count = self.ends, self.unknowns, self.count
+        arrivals = self._fly(rigs, states)
+        alphas = self._alphas(u, arrivals[0])
+        places = [unknowns.column(name) for name in ('gap', 'grip', 'slowness')]
+        rates = np.empty((len(ends), 5, PAIR + count))
+        call_kernel(
+            *(write_condition_rates, self._flights, states, arrivals, ends, self.demands),
+            *(self.last_stop, self.direction, alphas, self.alpha_column[ends], np.array(places)),
+            unknowns.rig.primary_mass / unknowns.rig.damper_mass,
+            *(np.array([*self._varied]), np.array([*self._varied.values()]), self._units),
+            *(np.empty((ARRIVALS, PAIR + count)), rates),
+            what='fit',
         )
-        for column, step in self._varied.items():
-            other = shared.copy()
-            other[column] += step
-            varied = self._flown(other, *flown)
-            there = np.stack([after[:, T], *varied[:2]], axis=1)
-            rates = (
-                varied[0] - x,
-                varied[1] - v,
-                self._acceleration(other, there, push, ends - 1) - last,
-            )
-            end[:, [0, 1, 4], 10 + column] = np.transpose(rates) / step
-        slides = ~sticks
-        end[slides, 2, T], end[slides, 2, 5 + T] = -pull[slides], pull[slides]
-        end[:, 2, grip_at] = -(direction * span)[:, None]
-        end[sticks, 2] = end[sticks, 1]
-        end[sticks, 2, V] -= 1.0
-        end[:, 2, W] = 1.0
-        end[slides, 3] = -end[slides, 0]
-        end[slides, 3, T] -= w[slides]
-        end[slides, 3, 5 + T] += w[slides]
-        end[slides, 3, W] += span[slides]
-        end[slides, 3, X] += 1.0
-        end[:, 3, Y] += 1.0
-        end[:, 3, grip_at] -= (0.5 * direction * span**2)[:, None]
-        columns = np.empty((n, 10 + count), np.int64)
-        columns[:, :5] = count + 5 * (ends - 1)[:, None] + np.arange(5)
-        columns[:, 5:10] = count + 5 * ends[:, None] + np.arange(5)
-        columns[:, 10:] = np.arange(count)
-        return end, columns, (v, w)
-
-    def _condition_rates(self, u: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Return derivatives of the conditions, rows of (10 + shared), and their columns."""
-        shared, states = self.parts(u)
-        ends, count = self.ends, self.count
-        end, at, (v, w) = self._end_rates(u)
-        after, n, impact = states[ends], len(ends), self.kind[ends] != 0
-        ratio = self.unknowns.rig.damper_mass / self.unknowns.rig.primary_mass
-        rates = np.zeros((n, 5, 10 + count))
-        rates[:, _AT_X] = end[:, 0]
-        rates[:, _AT_X, 5 + X] -= 1.0
-        jump = after[:, V] - v
-        by_jump = -end[:, 1]
-        by_jump[:, 5 + V] += 1.0
-        by_approach = end[:, 2] - end[:, 1]
-        alpha, by_alpha, by_speed, by_slowness = self._alphas(shared, w - v)
-        hit = np.flatnonzero(impact)
-        of_alpha = by_approach * (by_speed * np.sign(w - v))[:, None]
-        of_alpha[np.arange(n), 10 + self.alpha_column[ends]] += by_alpha
-        if (column := self.unknowns.column('slowness')) >= 0:
-            of_alpha[:, 10 + column] += by_slowness
-        rates[:, _AT_V] = end[:, 1]
-        rates[:, _AT_V, 5 + V] -= 1.0
-        less = alpha[:, None] * by_jump + jump[:, None] * of_alpha
-        rates[hit, _AT_V] = (by_approach - less)[hit]
-        rates[:, _AT_W] = end[:, 2]
-        rates[:, _AT_W, 5 + W] -= 1.0
-        rates[hit, _AT_W] = (by_jump / ratio - end[:, 1] - less)[hit]
-        rates[hit, _AT_W, 5 + W] += 1.0
-        rates[:, _AT_Y] = end[:, 3]
-        rates[:, _AT_Y, 5 + Y] -= 1.0
-        free = np.flatnonzero(~impact & ~self._held)
-        held = np.flatnonzero(~impact & self._held)
-        gap_at = 10 + self.unknowns.column('gap')
-        rates[hit, _LAST, 5 + Y] = 1.0
-        rates[hit, _LAST, gap_at] = -0.5 * self.kind[ends][hit]
-        rates[free, _LAST] = (end[:, 2] - end[:, 1])[free]
-        rates[held, _LAST, 5 + T] = 1.0
-        released = self.released
-        rates[released, _LAST] = -end[released, 4]
-        if (column := self.unknowns.column('grip')) >= 0:
-            rates[released, _LAST, 10 + column] -= self.direction[ends[released]]
-        rates /= self._units[:, :, None]
-        width = 10 + count
-        columns = np.broadcast_to(at[:, None], (n, 5, width)).reshape(-1, width)
-        more, there = self._other_rates()
-        flat = rates.reshape(-1, width)
-        flat[self._void_rows] = 0.0
-        return (
-            np.concatenate([flat, more]),
-            np.concatenate([columns, there]),
-        )
-
-    def _other_rates(self) -> tuple[Array, NDArray[np.int64]]:
-        """Return derivatives of the conditions of nodes that begin a part, or stay."""
-        count, width = self.count, 10 + self.count
         m, k = len(self.firsts), len(self.holds)
-        rates, columns = np.zeros((m + k, width)), np.zeros((m + k, width), np.int64)
-        node = np.concatenate([self.firsts, self.holds[:, 0]])
-        columns[:, 5:10] = count + 5 * node[:, None] + np.arange(5)
-        columns[:, :5] = columns[:, 5:10]
-        columns[:, 10:] = np.arange(count)
-        rates[:m, 5 + Y] = 1.0 / self.length
-        rates[:m, 10 + self.unknowns.column('gap')] = -0.5 * self.kind[self.firsts] / self.length
-        rates[m + np.arange(k), 5 + self.holds[:, 1]] = 1.0 / self._hold_units
-        return rates, columns
-
-
-def _rates_of(vibration: Vibration, span: Array, order: int) -> tuple[Array, Array, Array]:
-    """Return derivatives of X, X' or X'' after spans by X and X' before, and by a push."""
-    less, impulse, slope = unit_response(vibration.decay, vibration.damped, span)
-    square, twice = vibration.stiffness, 2.0 * vibration.decay
-    if order == 0:
-        return 1.0 + less, impulse, -less / square
-    if order == 1:
-        return -square * impulse, slope, impulse
-    by_x = -twice * (-square * impulse) - square * (1.0 + less)
-    by_v = -twice * slope - square * impulse
-    return by_x, by_v, 1.0 - twice * impulse + less
-
-
-def _sparse(rates: Array, columns: NDArray[np.int64], size: int) -> sparse.csr_array:
-    """Return rows of entries and their columns as a sparse matrix; entries add up."""
-    n, width = rates.shape
-    starts = np.arange(0, n * width + 1, width)
-    matrix = sparse.csr_array((rates.ravel(), columns.ravel(), starts), shape=(n, size))
-    matrix.sum_duplicates()
-    return matrix
+        more = np.zeros((m + k, PAIR + count))
+        more[:m, 5 + Y] = 1.0 / self.length
+        more[:m, PAIR + places[0]] = -0.5 * self.kind[self.firsts] / self.length
+        more[m + np.arange(k), 5 + self.holds[:, 1]] = 1.0 / self._hold_units
+        both = np.concatenate([rates.reshape(-1, PAIR + count), more])
+        return arrivals[0], alphas, both

@@ -37,7 +37,7 @@ from impact_damper_ros.parameters.parameter_spec import check_kind
 
 from .estimate import Estimate
 from .measured_motion import MeasuredMotion
-from .partition import noise_of
+from .record import noise_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,6 +80,12 @@ class Fall(NamedTuple):
     restitution_exponent: float
 
 
+@cache
+def _names(separate: bool, slides: bool, extras: tuple[str, ...]) -> tuple[str, ...]:
+    alphas = ('alpha_1', 'alpha_2') if separate else ('alpha_1',)
+    return ('stiffness', 'damping', *alphas, *('grip',) * slides, 'gap', *extras)
+
+
 class Unknowns(NamedTuple):
     """
     The shared unknowns, in order.
@@ -104,9 +111,7 @@ class Unknowns(NamedTuple):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns."""
-        alphas = ('alpha_1', 'alpha_2') if self.separate else ('alpha_1',)
-        grip = ('grip',) if self.normal > 0.0 else ()
-        return ('stiffness', 'damping', *alphas, *grip, 'gap', *self.extras)
+        return _names(self.separate, self.normal > 0.0, self.extras)
 
     def column(self, name: str) -> int:
         """Return the place of an unknown; -1 if it is not fitted."""

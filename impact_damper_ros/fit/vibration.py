@@ -9,12 +9,12 @@ the state at the node, and in the constant acceleration of M by friction.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.orbits.response import forced_response, unit_response
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
 Array = NDArray[np.float64]
@@ -40,7 +40,9 @@ class Vibration(NamedTuple):
     frequencies: Array
     phases: Array
 
+    # The same ones are asked for again and again.
     @classmethod
+    @lru_cache(maxsize=64)
     def of(
         cls,
         rig: RigParameters,
@@ -93,40 +95,21 @@ class Vibration(NamedTuple):
         phasors: Phasors = gain * self.forces * np.exp(1j * self.phases)
         return phasors
 
-    def free_phasors(self, times: Array, x: Array, velocity: Array, push: Array) -> Phasors:
-        """
-        Return c of the free vibration Re(c exp(root s)), s after times.
-
-        X is the sum of this, the steady response and the deflection by a constant push.
-        """
-        offset = x - push / self.stiffness - self.steady(times, 0)
-        rate = velocity - self.steady(times, 1)
-        return offset - 1j * (rate + self.decay * offset) / self.damped
-
-    def later(
-        self, times: Array, x: Array, velocity: Array, push: Array, spans: Array
-    ) -> tuple[Array, Array]:
-        """Return X and X' spans after times, from X and X' there, under a constant push."""
-        less, impulse, slope = unit_response(self.decay, self.damped, spans)
-        forced, forced_rate = forced_response(
-            self.decay, self.damped, self.frequencies, spans[..., None]
-        )
-        turn = self.phasors(times)
-        offset = x - push / self.stiffness
-        end = x + offset * less + velocity * impulse + (turn * forced).imag.sum(-1)
-        rate = velocity * slope - self.stiffness * offset * impulse
-        return end, rate + (turn * forced_rate).imag.sum(-1)
-
     def acceleration(self, times: Array, x: Array, velocity: Array, push: Array) -> Array:
         """Return X'' in a state at times under a constant push."""
         rest: Array = self.drive(times) + push - 2.0 * self.decay * velocity - self.stiffness * x
         return rest
 
-    def jerk(self, times: Array, velocity: Array, acceleration: Array) -> Array:
-        """Return X''' at times, from X' and X'' there."""
-        drive = (1j * self.frequencies * self.phasors(times)).imag.sum(-1)
-        rest: Array = drive - 2.0 * self.decay * acceleration - self.stiffness * velocity
-        return rest
+
+@lru_cache(maxsize=64)
+def wave_of(
+    rig: RigParameters, stiffness: float, damping: float, delay: float, joint: bool, order: int
+) -> Array:
+    """Return a vibration as `sample_kernels` has it, for a derivative of X."""
+    vibration = Vibration.of(rig, stiffness, damping, delay, joint=joint)
+    phasors = np.stack([vibration.steady_phasors(k) for k in (0, 1, order)], axis=1)
+    constants = vibration.decay, vibration.damped, vibration.stiffness
+    return np.concatenate([constants, phasors.view(float).ravel()])
 
 
 def _harmonics(rig: RigParameters, stiffness: float, damping: float) -> tuple[Array, Array, Array]:

@@ -5,8 +5,12 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import inf
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from impact_damper_ros.motion.event import EVENT_TYPE, EventRow
 from impact_damper_ros.motion.flight import (
     begin_flight,
     moving_mode,
@@ -14,8 +18,8 @@ from impact_damper_ros.motion.flight import (
 )
 from impact_damper_ros.motion.impact import strike
 from impact_damper_ros.motion.kernels import has_numba
-from impact_damper_ros.motion.oscillator import Line
-from impact_damper_ros.motion.records import pack
+from impact_damper_ros.motion.oscillator import Line, Oscillator
+from impact_damper_ros.motion.records import dtype_of, pack, pack_rows
 from impact_damper_ros.motion.state import (
     REST_1,
     REST_2,
@@ -98,6 +102,36 @@ def moving_at(
         run.mode = moving_mode(constants, relative_velocity)
     begin_flight(moving)
     return moving
+
+
+def _zeros(cls: Any) -> Any:
+    """Return an object of a class of constants that kernels may set."""
+    if has_numba():
+        return np.zeros(1, dtype_of(cls))[0]
+    return SimpleNamespace(**dict.fromkeys(cls._fields, 0.0))
+
+
+def settable_rig(harmonics: int, one_sided: bool) -> Moving:
+    """Return a rig that kernels set and move."""
+    constants, run = _zeros(RigConstants), Run()
+    waves = [Wave() for _ in range(harmonics)]
+    if has_numba():
+        constants['harmonics'], constants['one_sided'] = harmonics, one_sided
+        lines: Any = np.zeros(2 * harmonics, dtype_of(Line))
+        log: Any = np.zeros(0, dtype_of(EventRow))
+        return Moving(constants, lines, pack(run), pack_rows(waves, Wave), log)
+    constants.harmonics, constants.one_sided = harmonics, one_sided
+    constants.free, constants.joint = _zeros(Oscillator), _zeros(Oscillator)
+    return Moving(constants, [_zeros(Line) for _ in range(2 * harmonics)], run, waves, [])
+
+
+def packed_rig(moving: Moving, room: int) -> Moving:
+    """Return a rig that moves in the form for kernels that are called, with room for events."""
+    if not has_numba():
+        return moving._replace(log=[EventRow() for _ in range(room)])
+    constants, lines, run, waves, _ = moving
+    log: Any = np.zeros(room, EVENT_TYPE)
+    return Moving(pack(constants), pack_rows(lines, Line), pack(run), pack_rows(waves, Wave), log)
 
 
 def rig_on(moving: Moving, parameters: RigParameters) -> Rig:

@@ -7,16 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_damper_ros.motion.event import EventKind, EventRow
+from impact_damper_ros.motion.event import EventKind
 from impact_damper_ros.motion.kernels import call_kernel, has_numba
-from impact_damper_ros.motion.oscillator import Line, Oscillator
-from impact_damper_ros.motion.records import dtype_of, pack, pack_rows
+from impact_damper_ros.motion.records import pack_rows
 from impact_damper_ros.motion.state import (
     CHATTER_1,
     DAMPER_MASS,
@@ -27,10 +25,6 @@ from impact_damper_ros.motion.state import (
     SLIDE_DOWN,
     SLIDE_UP,
     STICK,
-    Moving,
-    RigConstants,
-    Run,
-    Wave,
 )
 from impact_damper_ros.parameters.rig_parameters import RigParameters
 
@@ -66,6 +60,7 @@ from .closed_flights import (
     NodeRow,
     Problem,
 )
+from .flights import settable_rig
 from .kernel_tasks import SOLVE, compute
 from .multipliers import multipliers_of
 from .newton import LEAST_RESIDUAL, NEWTON_STEPS, RESIDUAL_TOLERANCE
@@ -166,27 +161,6 @@ def _layout(nodes: tuple[Node, ...], compiles: bool) -> _Layout:
     return _Layout(rows, packed_nodes, places, len(unknowns))
 
 
-def _zeros(cls: Any) -> Any:
-    """Return an object of a class of constants that kernels may set."""
-    if has_numba():
-        return np.zeros(1, dtype_of(cls))[0]
-    return SimpleNamespace(**dict.fromkeys(cls._fields, 0.0))
-
-
-def _moving(harmonics: int, one_sided: bool) -> Moving:
-    """Return a rig that kernels set and move."""
-    constants, run = _zeros(RigConstants), Run()
-    waves = [Wave() for _ in range(harmonics)]
-    if has_numba():
-        constants['harmonics'], constants['one_sided'] = harmonics, one_sided
-        lines: Any = np.zeros(2 * harmonics, dtype_of(Line))
-        log: Any = np.zeros(0, dtype_of(EventRow))
-        return Moving(constants, lines, pack(run), pack_rows(waves, Wave), log)
-    constants.harmonics, constants.one_sided = harmonics, one_sided
-    constants.free, constants.joint = _zeros(Oscillator), _zeros(Oscillator)
-    return Moving(constants, [_zeros(Line) for _ in range(2 * harmonics)], run, waves, [])
-
-
 def parameter_numbers(parameters: RigParameters) -> Array:
     """Return the numbers of a rig in the order of the kernels."""
     numbers = [getattr(parameters, name) for name in NUMBERS]
@@ -228,7 +202,7 @@ class PeriodicProblem:
         both = len({node.stop for node in self.nodes} - {0}) > 1
         self.length = max(swing, fall, parameters.gap if both else 0.0)
         self.arrays = Problem(
-            moving=_moving((len(rig) - FIRST_LINE) // 3, parameters.one_sided),
+            moving=settable_rig((len(rig) - FIRST_LINE) // 3, parameters.one_sided),
             nodes=layout.rows,
             table=np.zeros((count, COLUMNS)),
             places=layout.places.copy(),

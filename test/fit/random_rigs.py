@@ -11,7 +11,7 @@ from impact_damper_ros.fit.course import Course
 from impact_damper_ros.fit.first_course import match_times
 from impact_damper_ros.fit.gauss_newton import System
 from impact_damper_ros.fit.measured_motion import MeasuredMotion
-from impact_damper_ros.fit.partition import Record
+from impact_damper_ros.fit.record import Record
 from impact_damper_ros.fit.shooting import Shooting
 from impact_damper_ros.fit.unknowns import Unknowns
 from impact_damper_ros.parameters.base_motion import ORDERS

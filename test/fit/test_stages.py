@@ -14,16 +14,8 @@ from impact_damper_ros.fit.estimate import Estimate
 from impact_damper_ros.fit.first_course import first_course, match_times
 from impact_damper_ros.fit.first_guess import regress
 from impact_damper_ros.fit.gauss_newton import System, solve
-from impact_damper_ros.fit.partition import (
-    Jumps,
-    Record,
-    fit_vibration,
-    jumps_between,
-    noise_between,
-    noise_of,
-    partition,
-)
-from impact_damper_ros.fit.relaxation import _begin_parts, relax
+from impact_damper_ros.fit.impact_search import PENALTY, ImpactSearch, Jumps
+from impact_damper_ros.fit.record import Record, noise_between, noise_of
 from impact_damper_ros.fit.replayed_course import RESTS
 from impact_damper_ros.fit.revision import UNCONFIRMED, Revised
 from impact_damper_ros.fit.shooting import Shooting
@@ -66,8 +58,8 @@ def test_the_noise_of_a_vibration_with_impacts():
 
 
 @pytest.mark.parametrize('quantity', list(ORDERS))
-def test_stretches_of_free_vibration_are_cut_at_the_impacts(quantity):
-    """Exact pieces with noise of a hundredth: all cuts, none else, and the jumps between them."""
+def test_impacts_are_found_by_the_shocks_that_explain_the_motion(quantity):
+    """Exact pieces with noise of a hundredth: all shocks, none else, and what M does there."""
     rng = np.random.default_rng(4)
     rig = RigParameters(
         primary_mass=2.0,
@@ -82,27 +74,42 @@ def test_stretches_of_free_vibration_are_cut_at_the_impacts(quantity):
     root = vibration.root
     # X is continuous at each impact, X' jumps
     state, begin, jumps = 0.01 + 0.0j, 0.0, (0.1, -0.12, 0.15, -0.09)
-    motion = np.zeros(len(time))
+    motion, before = np.zeros(len(time)), []
     for k, (low, high) in enumerate(pairwise(edges)):
         motion[low:high] = (state * root**order * np.exp(root * (time[low:high] - begin))).real
         if k < len(impacts):
             state *= np.exp(root * (impacts[k] - begin))
+            before.append((state.real, (root * state).real))
             begin, state = impacts[k], state - 1j * jumps[k] / vibration.damped
     motion += vibration.steady(time, order)
     deviation = 0.01 * float(np.std(motion))
-    record = Record(
-        time, motion + rng.normal(0.0, deviation, len(time)), np.ones(len(time)), order
-    )
-    found = partition(record, vibration, deviation, 24.0)
-    assert found.tolist() == pytest.approx(edges.tolist(), abs=3)
-    # A penalty above all that a cut takes leaves one stretch
-    assert partition(record, vibration, deviation, 1e9).tolist() == [0, len(time)]
+    noisy = motion + rng.normal(0.0, deviation, len(time))
+    # Samples that do not count are as if they were not there
+    weight = np.ones(len(time))
+    weight[300:310], noisy[300:310] = 0.0, 1.0
+    record = Record(time, noisy, weight, order)
     for measured in (np.zeros(0), impacts):
-        shown = jumps_between(record, vibration, found, measured)
-        assert shown.time == pytest.approx(impacts, abs=0.0 if len(measured) else 4e-3)
-        assert shown.jump == pytest.approx(jumps, abs=0.012)
-    k, c = fit_vibration(record, rig, found, (1.03 * 2000.0, 1.4), deviation)
-    assert (k, c) == (pytest.approx(2000.0, rel=2e-3), pytest.approx(1.0, rel=0.1))
+        search = ImpactSearch(record, rig, deviation, measured, 1e-3)
+        cost = search.find(vibration)
+        assert search.cost == cost
+        found = search.jumps(vibration)
+        clear = np.abs(found.jump) > 5.0 * found.deviation
+        assert (~clear).sum() <= 2
+        found = Jumps(*(column[clear] for column in found))
+        assert found.time == pytest.approx(impacts, abs=2e-4 if len(measured) else 4e-3)
+        assert found.jump == pytest.approx(jumps, abs=0.012)
+        assert (np.abs(found.jump - jumps) < 6.0 * found.deviation).all()
+        x, v = np.transpose(before)
+        assert found.x == pytest.approx(x + vibration.steady(impacts, 0), abs=5e-4)
+        assert found.velocity == pytest.approx(v + vibration.steady(impacts, 1), abs=0.02)
+        assert np.std(search.innovations[10:][weight[10:] > 0.0]) < 1.1
+    # With another stiffness more shocks are needed
+    assert search.find(Vibration.of(rig, 2100.0, 1.0)) > cost + 20.0
+    # A record without shocks has none
+    free = Record(time, vibration.steady(time, order) + noisy - motion, weight, order)
+    search = ImpactSearch(free, rig, deviation)
+    search.find(vibration)
+    assert search.shocks.sum() <= 1
 
 
 @pytest.mark.parametrize(
@@ -119,8 +126,9 @@ def test_a_regression_over_exact_jumps_gives_the_rig(changes, separate):
     rig = unknowns.rig
     hits = measurement.events[measurement.events['stop'] > 0][: len(course)]
     before = hits['primary_velocity_before']
-    jumps = Jumps(course.time, course.x, before, hits['primary_velocity_after'] - before)
-    alphas, grip, gap = regress(unknowns, jumps, course.stop, rig.omega)
+    sizes = hits['primary_velocity_after'] - before
+    jumps = Jumps(course.time, course.x, before, sizes, np.full(len(sizes), 1e-4))
+    alphas, grip, gap, saved = regress(unknowns, jumps, course.stop, rig.omega)
     assert [unknowns.restitution(a) for a in alphas] == pytest.approx(
         [rig.restitution_1, rig.restitution_2], rel=1e-6
     )
@@ -128,7 +136,29 @@ def test_a_regression_over_exact_jumps_gives_the_rig(changes, separate):
     assert gap == pytest.approx(rig.gap, rel=1e-6)
     # One false impact among forty is an outlier
     wrong = jumps._replace(jump=np.where(np.arange(len(course)) == 20, -1.0, 1.0) * jumps.jump)
-    assert regress(unknowns, wrong, course.stop, rig.omega)[2] == pytest.approx(gap, rel=0.01)
+    other = regress(unknowns, wrong, course.stop, rig.omega)
+    assert other.gap == pytest.approx(gap, rel=0.01)
+    # It saves the penalties of flights whose laws hold
+    transits = int((np.diff(course.stop) != 0).sum())
+    assert 0.0 < other.saved < saved <= PENALTY * transits
+
+
+def test_friction_and_restitution_that_are_exchanged_are_as_usual():
+    """Flights that are all alike, with noise: neither takes a value that no bench has."""
+    unknowns, _, _, _, _ = known(105, {'friction': 0.03})
+    rng = np.random.default_rng(1)
+    rate, count = unknowns.rig.omega, 60
+    time = np.arange(count) * np.pi / rate
+    stops = np.where(np.arange(count) % 2, -1, 1)
+    speed, size = 0.04, 0.03
+    noise = rng.normal(0.0, 2e-4, (2, count))
+    sizes = stops * size + noise[0]
+    deviation = np.full(count, 2e-4)
+    jumps = Jumps(time, stops * 1e-3, -stops * speed + noise[1], sizes, deviation)
+    alphas, grip, gap, _ = regress(unknowns, jumps, stops, rate)
+    assert 0.2 < unknowns.restitution(alphas[0]) <= 1.0
+    assert 0.0 <= grip < 0.2 * unknowns.normal
+    assert gap > 0.0
 
 
 def test_times_are_matched_one_to_one():
@@ -141,37 +171,23 @@ def test_times_are_matched_one_to_one():
 GUESS = {'stiffness': 1.03, 'damping': 1.4}
 
 
+@pytest.mark.parametrize('quantity', list(ORDERS))
 @pytest.mark.parametrize('timed', [True, False])
-def test_a_first_course_is_relaxed_to_the_motion(timed):
-    """Weak and late impacts apart, it is that of the events, and K, C, R and gap are near."""
-    unknowns, record, course, problem, measurement = known(108, timed=timed)
+def test_a_first_course_is_near_the_motion(timed, quantity):
+    """Weak impacts apart it is that of the events, and K, R and gap are near."""
+    unknowns, record, course, _, measurement = known(108, timed=timed, quantity=quantity)
     times = measurement.record.impact_times if timed else np.zeros(0)
     start = {name: factor * getattr(unknowns.rig, name) for name, factor in GUESS.items()}
     guessed = unknowns._replace(rig=unknowns.rig.replace(**start))
-    first = first_course(record, guessed, measurement.deviation, times, DEVIATION)
-    found = relax(first, problem, timed=timed)
+    found = first_course(record, guessed, measurement.deviation, times, DEVIATION)
     # K, C, alpha, grip, gap
     near = np.abs(found.shared / course.shared - 1.0)
-    assert near[0] < 3e-3
+    assert near[0] < 0.015
     assert near[[2, 4]].max() < 0.2
-    pairs = match_times(found.time, course.time, 0.004)
-    assert (pairs >= 0).mean() > 0.85
+    pairs = match_times(found.time, course.time, 0.006)
+    assert (pairs >= 0).mean() > 0.75
     same = pairs >= 0
     assert (found.stop[same] == course.stop[pairs[same]]).mean() > 0.95
-    assert found.flies.mean() > 0.8
-    assert not found.lawless.any()
-
-
-def test_m_begins_anew_with_the_velocity_that_leads_to_the_next_impact():
-    """Of flights without a reversal exactly, whatever pulls m."""
-    _, _, course, problem, _ = known(105, {'air_force': 0.02, 'angle': 0.02})
-    plain = [k for k, turns in enumerate(course.turns) if not len(turns) and course.flies[k]]
-    wrong = course.copy()
-    wrong.begins[plain] = True
-    wrong.damper_velocity[plain] = 0.0
-    _begin_parts(wrong, problem(course))
-    assert len(plain) > 20
-    assert wrong.damper_velocity[plain] == pytest.approx(course.damper_velocity[plain], rel=1e-6)
 
 
 def test_flights_that_contradict_the_others_are_cut():

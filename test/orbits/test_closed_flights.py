@@ -96,7 +96,7 @@ PATTERNS = {
 
 
 def without_compiler(monkeypatch):
-    for place in ('orbits.periodic_problem', 'motion.kernels'):
+    for place in ('orbits.periodic_problem', 'orbits.flights', 'motion.kernels'):
         monkeypatch.setattr(f'impact_damper_ros.{place}.has_numba', lambda: False)
 
 

@@ -21,6 +21,7 @@ RIGS = {
 def plain_python(monkeypatch):
     """Let the kernels run as they are, uncompiled."""
     monkeypatch.setattr('impact_damper_ros.orbits.periodic_problem.has_numba', lambda: False)
+    monkeypatch.setattr('impact_damper_ros.orbits.flights.has_numba', lambda: False)
     monkeypatch.setattr('impact_damper_ros.motion.kernels.has_numba', lambda: False)
 
 
