@@ -289,7 +289,7 @@ STATES = [
     ('sweep.due', 130.0, 'sweep.step is 1, from 100.0 s to 130.0 s: it must be the one at time'),
     ('sweep.due', 1e9, 'sweep.due is 1000000000.0 s: it must be at most'),
     ('sweep.due', None, 'sweep.due is inf s at step 1 of 100'),
-    ('sweep.due', 1e300, 'sweep.due is 1e+300: give a number'),
+    ('sweep.due', 1e300, 'sweep.due is 1e+300 s: it must be at most'),
     ('sweep.step', -(2**62), 'sweep.step is -4611686018427387904: give a whole number from 0'),
     ('sweep.step', 1.5, 'sweep.step is 1.5: give a whole number'),
     ('gap_control.state.sample_index', -(2**62), 'sample_index is -4611686018427387904, a'),
