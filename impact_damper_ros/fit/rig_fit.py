@@ -58,6 +58,8 @@ _FAR = 1e4
 _FAR_MOVED = 3.0
 #: A time is that of an impact within so many of its deviations, if more than this part of all are.
 _NEAR, _MOST = 6.0, 0.8
+#: Residuals of a record without impacts, over the noise; rigs whose impacts show leave more.
+_ONE = 1.2
 #: A delay within so much of half a period, in periods, is another sign.
 _HALF = 0.01
 
@@ -309,7 +311,7 @@ def _fit(
     offset = clock_offset_of(record, start) if 'bias' in extras else 0.0
     level = record._replace(motion=record.motion - offset * record.weight)
     # Where no impacts show, a search finds some in the noise.
-    if cause := misreading(level, start, noise) or one_vibration(level, start, noise, 1.0):
+    if cause := misreading(level, start, noise) or one_vibration(level, start, noise, _ONE):
         return _refusal(measured, [cause])
     try:
         fit = RecordFit(record, unknowns, times, deviation)
