@@ -157,7 +157,7 @@ def first_course(
     tried = []
     for by_stiffness, by_damping in product(*GRID):
         vibration = Vibration.of(rig, stiffness * by_stiffness, damping * by_damping)
-        rough.find(vibration)
+        rough.find(vibration, merge=True)
         jumps = rough.jumps(vibration)
         stops = _stops_of(jumps)
         saved = 0.0
@@ -166,7 +166,7 @@ def first_course(
         tried.append((rough.cost - saved, vibration))
     vibration = min(tried, key=itemgetter(0))[1]
     fine = search(record, deviation)
-    fine.find(vibration)
+    fine.find(vibration, merge=True)
     jumps = fine.jumps(vibration)
     check_impacts(len(jumps.time))
     stops = _stops_of(jumps)

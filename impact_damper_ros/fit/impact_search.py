@@ -252,6 +252,10 @@ class ImpactSearch:
         n = len(record.time)
         self.shocks, self.cost = np.zeros(n, bool), np.inf
         self._table = np.zeros((n, _COLUMNS))
+        self._variance = float(np.var(record.motion[record.weight > 0.0]))
+        # The motion less the steady response, which is the same for many shocks
+        self._vibration: Vibration | None = None
+        self._free = record.motion
         self._penalties = np.full(n, PENALTY)
         for shift in (-2.0, -1.0, 0.0, 1.0, 2.0):
             at = np.searchsorted(record.time, self._measured + shift * impact_deviation) - 1
@@ -264,9 +268,12 @@ class ImpactSearch:
         record, order = self._record, self._record.order
         a, square = vibration.decay, vibration.stiffness
         sensor = a, vibration.damped, square, *((1.0, 0.0), (0.0, 1.0), (-square, -2.0 * a))[order]
-        size = float(np.var(record.motion[record.weight > 0.0])) / square**order
+        size = self._variance / square**order
+        if self._vibration is not vibration:
+            self._vibration = vibration
+            self._free = record.motion - vibration.steady(record.time, order)
         cost: float = call_kernel(
-            *(smooth_shocks, record.time, record.motion - vibration.steady(record.time, order)),
+            *(smooth_shocks, record.time, self._free),
             *(record.weight, np.array(sensor), self.shocks, self._deviation**2, size, self._table),
             what='fit',
         )
@@ -277,8 +284,8 @@ class ImpactSearch:
         """What each sample adds to those before it, in standard deviations."""
         return self._table[:, INNOVATION]
 
-    def find(self, vibration: Vibration) -> float:
-        """Find the impacts, and return the cost."""
+    def find(self, vibration: Vibration, *, merge: bool = False) -> float:
+        """Find the impacts and return the cost; `merge` neighbouring shocks where that pays."""
         self.shocks[:], again = False, _AGAIN
         for number in range(_PASSES):
             self.smooth(vibration)
@@ -298,7 +305,8 @@ class ImpactSearch:
                     break
                 again -= 1
                 self.shocks[here[:-1][close]] = self.shocks[here[1:][close]] = False
-        self._merge(vibration)
+        if merge:
+            self._merge(vibration)
         left = self._prune(self._penalties, vibration)
         self.cost = left + float(self._penalties[self.shocks].sum())
         return self.cost
