@@ -590,7 +590,7 @@ def one_vibration(
 def _fit_one_vibration(
     record: Record, rig: RigParameters, deviation: float
 ) -> tuple[float, Array]:
-    """Return the K of a record without impacts, and what is left of it, in deviations."""
+    """Return K fitted to a record as one vibration, and the residuals over the noise."""
     search = ImpactSearch(record, rig, deviation)
 
     def misfit(logarithms: Array) -> Array:

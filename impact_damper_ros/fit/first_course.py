@@ -28,8 +28,6 @@ SAMPLES, _MEANS = 20, 40
 GRID = np.linspace(0.95, 1.05, 11), np.array([0.65, 1.0, 1.6])
 #: Least first guess of the gap, in the swing of M at impacts.
 _LEAST_GAP = 1e-2
-
-
 #: Least number of impacts for a fit, and least number of flights from stop to stop.
 LEAST_IMPACTS, _LEAST_TRANSITS = 6, 4
 #: Remedy for other causes where a fit fails.

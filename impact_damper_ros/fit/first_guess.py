@@ -22,10 +22,7 @@ from .vibration import Array
 _ROUNDS = 60
 #: Deviations of jumps are at most so many times their median.
 _DEVIATIONS = 1.5
-
-
-#: What R and friction are about, without a record that shows it: they may be exchanged for each
-#: other in a regular motion.
+#: R and friction of most rigs, with deviations: in a regular motion either explains the other.
 _LIKELY, _APART, _USUAL_FRICTION, G = 0.6, 0.25, 0.1, 9.81
 
 

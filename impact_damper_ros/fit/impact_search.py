@@ -223,7 +223,7 @@ class ImpactSearch:
     record : Record
         The measured motion.
     rig : RigParameters
-        The rig, of which M and the force count.
+        The rig: shocks closer than a part of its natural period are added one after the other.
     deviation : float
         Standard deviation of the noise.
     measured : ndarray, optional
@@ -247,7 +247,10 @@ class ImpactSearch:
         measured: Array | None = None,
         impact_deviation: float = 0.0,
     ) -> None:
-        self._record, self._rig, self._deviation = record, rig, deviation
+        # A kernel takes arrays without gaps; a record may be every second sample of another.
+        time, motion, weight = map(np.ascontiguousarray, record[:3])
+        record = Record(time, motion, weight, record.order)
+        self._record, self._deviation = record, deviation
         self._measured = np.zeros(0) if measured is None else measured
         n = len(record.time)
         self.shocks, self.cost = np.zeros(n, bool), np.inf

@@ -37,7 +37,7 @@ from .unknowns import Unknowns
 from .vibration import Array, Vibration, wave_of
 
 #: Least width of the space of `write_samples`, and no derivatives.
-SPACE, _NO_RATES = 5, np.empty((0, 0))
+_SPACE, _NO_RATES = 5, np.empty((0, 0))
 
 
 class NodeMotion(Nodes):
@@ -112,7 +112,7 @@ class NodeMotion(Nodes):
 
     def _fly(self, rigs: Sequence[Array], states: Array, *, begins: bool = False) -> Array:
         """
-        Compute the flights of some shared unknowns, and return what they arrive with.
+        Compute the flights of some shared unknowns, and return the states at their ends.
 
         The result has the shape (rigs, nodes - 1, 5), see `node_kernels`.
         """
@@ -208,7 +208,7 @@ class NodeMotion(Nodes):
         both = [[wave_of(*one, either, order) for either in (False, joint)] for one in known]
         turning = self._turning if times is self.record.time else self._turning_at(times)
         nodes, signal = np.empty(len(times), np.int64), np.empty(len(times))
-        width = max(SPACE, 2 * len(self._frequencies))
+        width = max(_SPACE, 2 * len(self._frequencies))
         call_kernel(
             *(write_samples, np.ascontiguousarray(times), turning, order, states, pushes, sticks),
             *(

@@ -323,7 +323,7 @@ class Shooting(NodeMotion):
         return np.stack(self.unknowns.alpha_at(shared, alpha, speed), axis=1)
 
     def _conditions(self, u: Array, arrivals: Array, alphas: Array) -> Array:
-        """Return the conditions, by what the flights arrive with."""
+        """Return the conditions, from the states at the ends of flights."""
         shared, states = self.parts(u)
         ends, unknowns = self.ends, self.unknowns
         gap = unknowns.value(shared, 'gap')
@@ -373,7 +373,7 @@ class Shooting(NodeMotion):
 
     def _flown_rates(self, u: Array, rigs: Sequence[Array]) -> tuple[Array, Array, Array]:
         """
-        Return what the flights arrive with, alphas, and derivatives of conditions.
+        Return the states at the ends of flights, alphas, and derivatives of the conditions.
 
         The derivatives are rows of `Equations`.
         """

@@ -40,7 +40,7 @@ class Vibration(NamedTuple):
     frequencies: Array
     phases: Array
 
-    # The same ones are asked for again and again.
+    # A fit needs the same vibration many times.
     @classmethod
     @lru_cache(maxsize=64)
     def of(

@@ -103,6 +103,11 @@ def test_impacts_are_found_by_the_shocks_that_explain_the_motion(quantity):
         assert found.x == pytest.approx(x + vibration.steady(impacts, 0), abs=5e-4)
         assert found.velocity == pytest.approx(v + vibration.steady(impacts, 1), abs=0.02)
         assert np.std(search.innovations[10:][weight[10:] > 0.0]) < 1.1
+    # Every second sample of a record, in the same process
+    few = Record(time[::2], noisy[::2], weight[::2], order)
+    copied = Record(*(part.copy() for part in few[:3]), order)
+    costs = [ImpactSearch(one, rig, deviation).find(vibration) for one in (few, copied)]
+    assert costs[0] == costs[1]
     # With another stiffness more shocks are needed
     assert search.find(Vibration.of(rig, 2100.0, 1.0)) > cost + 20.0
     # A record without shocks has none
