@@ -1,6 +1,7 @@
 """Motion of the base, against an independent integration of the equations with a moving base."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import scipy
 from rigs import UNFORCED
 
 from impact_damper_ros import EventKind, InitialConditions, Rig, run_ensemble
+from impact_damper_ros.motion.state import carried_to
 
 STRUCTURE = UNFORCED.replace(
     primary_mass=5.0,
@@ -272,3 +274,11 @@ def test_structure_on_a_table():
     x = simulated.run(20.1, times).samples['x']
     assert np.abs(x).max() == pytest.approx(rig.response_amplitude, rel=1e-3)
     assert not (simulated.run(20.2).events['kind'] == EventKind.IMPACT).any()
+
+
+@pytest.mark.parametrize('since', [0.0, 0.25, 3.0])
+def test_a_record_carries_the_base_with_constant_acceleration(since):
+    record = {'base_from': 2.0, 'base_place': 0.3, 'base_speed': -1.5, 'base_acceleration': 4.0}
+    place, speed = carried_to(SimpleNamespace(**record), 2.0 + since)
+    assert speed == -1.5 + 4.0 * since
+    assert place == pytest.approx(0.3 - 1.5 * since + 2.0 * since**2, abs=1e-15)
