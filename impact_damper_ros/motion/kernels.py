@@ -489,12 +489,33 @@ def _load_or_compile(name: str, arguments: Sequence[Any], what: str) -> Any:
     return entry
 
 
+#: Type, dimension and order of the arrays for which `call_kernel` has a kernel.
+_ARRAYS: dict[str, list[tuple[Any, int, bool]]] = {}
+
+
 def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
-    """Call a kernel compiled, or plain where there is no compiler."""
+    """
+    Call a kernel compiled, or plain where there is no compiler.
+
+    Raise TypeError for arrays of another type or order than at the first call: compiled code would
+    read other numbers in them.
+    """
     if not has_numba():
         with np.errstate(all='ignore'):
             return function(*arguments)
-    return compiled_kernel(function.__name__, arguments, what)(*arguments)
+    name = function.__name__
+    compiled = compiled_kernel(name, arguments, what)
+    arrays = [
+        (one.dtype, one.ndim, one.flags.c_contiguous)
+        for one in arguments
+        if type(one) is np.ndarray
+    ]
+    if arrays != _ARRAYS.setdefault(name, arrays):
+        raise TypeError(
+            f'{name} is compiled for arrays (type, dimension, without gaps) {_ARRAYS[name]}, not '
+            f'{arrays}: copy them by np.ascontiguousarray'
+        )
+    return compiled(*arguments)
 
 
 def on_threads(run: Callable[[T], R], parts: Sequence[T], threads: int | None = None) -> list[R]:

@@ -224,6 +224,21 @@ def test_another_kind_of_argument_is_other_code():
     assert kind(np.ones((1, 3))) == kind(np.ones((4, 3))) == kind(array)
 
 
+def test_arrays_that_compiled_code_would_misread_are_refused(monkeypatch):
+    pytest.importorskip('numba')
+
+    def last_of(values):
+        return values[len(values) - 1]
+
+    monkeypatch.setattr(kernels, '_KERNELS', {'last_of': last_of})
+    values = np.arange(8.0)
+    assert kernels.call_kernel(last_of, values) == 7.0
+    assert kernels.call_kernel(last_of, values[:3]) == 2.0
+    for others in (values[:7:2], values.astype(int), values[:, None]):
+        with pytest.raises(TypeError, match=r'last_of is compiled for .* np\.ascontiguousarray'):
+            kernels.call_kernel(last_of, others)
+
+
 @pytest.mark.parametrize('code', [False, True])
 def test_more_events_than_the_first_table_takes(code, monkeypatch):
     if code:
