@@ -130,7 +130,7 @@ def test_restitution_that_falls_with_the_speed(seed):
 
 def test_restitution_that_falls_otherwise_is_named():
     """By more than the exponent lets it: the equations have no solution."""
-    rng = np.random.default_rng(1822686845)
+    rng = np.random.default_rng(495468043)
     rig = random_rig(rng)
     start = guess_of(rig, rng)
     fit = fit_rig(measure_other(rig, rng, noise=0.01, fall=0.3), start)
