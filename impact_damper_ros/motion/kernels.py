@@ -489,16 +489,20 @@ def _load_or_compile(name: str, arguments: Sequence[Any], what: str) -> Any:
     return entry
 
 
-#: Type, dimension and order of the arrays for which `call_kernel` has a kernel.
+#: For each kernel, type and dimension of the arrays of its first call, and whether they have no
+#: gaps.
 _ARRAYS: dict[str, list[tuple[Any, int, bool]]] = {}
 
 
 def call_kernel(function: Any, *arguments: Any, what: str = 'analysis') -> Any:
     """
-    Call a kernel compiled, or plain where there is no compiler.
+    Call the compiled code of a kernel, or the Python function where numba is not installed.
 
-    Raise TypeError for arrays of another type or order than at the first call: compiled code would
-    read other numbers in them.
+    Raises
+    ------
+    TypeError
+        If arrays differ in type, dimension or contiguity from those of the first call: code
+        compiled for these would read other numbers in them.
     """
     if not has_numba():
         with np.errstate(all='ignore'):

@@ -22,6 +22,7 @@ import impact_damper_ros.rig.compiled_run as compiled_run
 import impact_damper_ros.rig.rig as rig_module
 import impact_damper_ros.rig.run_result as run_result
 from impact_damper_ros import Rig, find_orbits
+from impact_damper_ros.fit.sample_kernels import steady_sum
 from impact_damper_ros.motion import kernels
 from impact_damper_ros.motion.flight import motion_at
 from impact_damper_ros.motion.kept_kernels import MachineCode
@@ -224,19 +225,19 @@ def test_another_kind_of_argument_is_other_code():
     assert kind(np.ones((1, 3))) == kind(np.ones((4, 3))) == kind(array)
 
 
-def test_arrays_that_compiled_code_would_misread_are_refused(monkeypatch):
+def test_arrays_that_compiled_code_would_misread_are_refused(monkeypatch, tmp_path):
     pytest.importorskip('numba')
-
-    def last_of(values):
-        return values[len(values) - 1]
-
-    monkeypatch.setattr(kernels, '_KERNELS', {'last_of': last_of})
-    values = np.arange(8.0)
-    assert kernels.call_kernel(last_of, values) == 7.0
-    assert kernels.call_kernel(last_of, values[:3]) == 2.0
-    for others in (values[:7:2], values.astype(int), values[:, None]):
-        with pytest.raises(TypeError, match=r'last_of is compiled for .* np\.ascontiguousarray'):
-            kernels.call_kernel(last_of, others)
+    monkeypatch.setattr(kernels, 'directory', lambda: tmp_path)
+    monkeypatch.setattr(kernels, '_ENTRIES', {})
+    monkeypatch.setattr(kernels, '_ARRAYS', {})
+    wave, turned = np.arange(9.0), np.arange(8.0)
+    assert kernels.call_kernel(steady_sum, wave, 0, turned) == 3.0 * 1.0 + 4.0 * 0.0
+    assert kernels.call_kernel(steady_sum, wave, 2, turned[4:]) == 5.0 * 5.0 + 6.0 * 4.0
+    for others in (turned[::2], turned.astype(int), turned[:, None]):
+        with pytest.raises(
+            TypeError, match=r'steady_sum is compiled for .* np\.ascontiguousarray'
+        ):
+            kernels.call_kernel(steady_sum, wave, 0, others)
 
 
 @pytest.mark.parametrize('code', [False, True])
